@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from typing import Any
 
 from omniscv.compose.files import OBJECTS
 from omniscv.dataset import exported
@@ -22,9 +23,10 @@ from omniscv.dataset.manifest import (
     write,
     write_planned,
 )
-from omniscv.dataset.origin import Origin, differences, frame_difference, plain, world_difference
+from omniscv.dataset.origin import Origin, World, differences, frame_difference, plain, world_difference
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import Frame
+from omniscv.frame.classes import ClassRules
 from omniscv.storage import Folder, in_the_way
 from omniscv.storage.local import is_written, locked, remove_parts, remove_scratch
 
@@ -75,18 +77,25 @@ def replace_dataset(folder: Folder) -> None:
 
 def _remove(folder: Folder, belongings: Belongings) -> None:
     exported.remove_exports(folder, belongings.exported())
-    files = belongings.files()
-    lists = [name for name in files if is_listing(name)]
-    described = [name for name in files if name.endswith(".json") and name not in lists]
-    # What lists others goes after them: a process that is killed leaves nothing that nobody knows.
-    folder.remove_files([name for name in files if name not in {*lists, *described}])
+    lists = []
+    described = []
+    layers = []
+    for name in belongings.files():
+        if is_listing(name):
+            lists.append(name)
+        elif name.endswith(".json"):
+            described.append(name)
+        else:
+            layers.append(name)
+    # Files that list others are removed after them: if the process is killed, the remaining files are listed.
+    folder.remove_files(layers)
     folder.remove_files(described)
     folder.remove_files(lists)
     folder.remove(DATASET)
 
 
 def _is_written(folder: Folder) -> bool:
-    """Return whether another writer of a local dataset is alive; of a store nobody knows."""
+    """Return whether another writer of a local dataset is alive; False for a store, which does not say."""
     return folder.local is not None and is_written(folder.local, SCRATCH)
 
 
@@ -115,22 +124,22 @@ def begin(
     keys: Collection[str] = (),
     planned: Planned | None = None,
 ) -> tuple[Manifest, Mapping[str, Frame]]:
-    """Pass the gate of all that write a dataset, under :func:`lock`: write the manifest of a new dataset, and
-    what is planned, or extend those of one that is continued.
+    """Write the manifest of a new dataset, and what is planned, or extend those of one that is continued.
 
-    What is there must be of what is wanted: field by field of the record, and frame by frame. A dataset of
+    Everything that writes a dataset calls this first, under :func:`lock`. An existing dataset is continued if
+    it agrees with ``wanted`` in every field of the record, and with ``planned`` in every frame. A dataset of
     another job that has no frames, and that nobody is writing, is begun anew.
 
     Args:
         folder: of the dataset.
         wanted: its manifest, as far as it is known.
-        resume: whether a dataset that is there is continued.
-        keys: of the frames that this process writes, as far as they are known; only frames of these are
-            looked for by a part, which does not list the whole folder.
+        resume: whether an existing dataset is continued.
+        keys: of the frames that this process writes, as far as they are known. A part looks only for frames
+            of these keys, and does not list the whole folder.
         planned: the frames of the job; None for a writer that does not know them.
 
     Returns:
-        The manifest, and by key the frames that are there.
+        The manifest, and the existing frames by key.
 
     Raises:
         ArgumentError: a dataset exists and ``resume`` is not set, or the first difference between it and
@@ -145,24 +154,43 @@ def begin(
     is_part = planned is not None and planned.is_part
     there = Belongings(folder, current or wanted, keys if is_part else None)
     if current is not None and (difference := _difference(folder, current, wanted, planned, there)):
-        whole_folder = Belongings(folder, current)
-        if whole_folder.frames or folder.local is None or _is_written(folder):
-            expected = "expected a job with the settings of the dataset"
-            advice = "--overwrite replaces the dataset, or write elsewhere"
-            raise ArgumentError(f"{folder}: {expected}; its {difference}; {advice}")
-        roll_back(folder)
-        _remove(folder, whole_folder)
+        _remove_other_dataset(folder, current, difference)
         current = None
         there = Belongings(folder, wanted)
     _check_free(folder, current, wanted, there, keys)
-    if current is None and not write(folder, wanted, first=True):
-        return begin(folder, wanted, resume, keys, planned)  # another process was faster, in a store
-    whole = wanted if current is None else _extended(current, wanted)
-    if current is not None and current.to_dict() != whole.to_dict():
-        write(folder, whole)
+    worlds_before: set[str] = set()
+    if current is None:
+        whole = wanted
+        if not write(folder, whole, first=True):
+            return begin(folder, wanted, resume, keys, planned)  # another process was faster, in a store
+    else:
+        worlds_before = worlds_of(current)
+        whole = _extended(current, wanted)
+        if current.to_dict() != whole.to_dict():
+            write(folder, whole)
     if planned is not None:
-        _plan(folder, whole, wanted, planned, there, set() if current is None else worlds_of(current))
+        _plan(folder, whole, wanted, planned, there, worlds_before)
     return whole, there.frames
+
+
+def _remove_other_dataset(folder: Folder, current: Manifest, difference: str) -> None:
+    """Remove a dataset of another job that has no frames.
+
+    Args:
+        folder: of the dataset.
+        current: its manifest.
+        difference: what is different in the present job, the end of a sentence that begins with "its".
+
+    Raises:
+        ArgumentError: it has frames, or is in a store, or another process is writing it.
+    """
+    belongings = Belongings(folder, current)
+    if belongings.frames or folder.local is None or _is_written(folder):
+        expected = "expected a job with the settings of the dataset"
+        advice = "--overwrite replaces the dataset, or write elsewhere"
+        raise ArgumentError(f"{folder}: {expected}; its {difference}; {advice}")
+    roll_back(folder)
+    _remove(folder, belongings)
 
 
 def _check_free(
@@ -180,14 +208,16 @@ def _check_free(
         roll_back(folder)
         strange = Belongings(folder, current or wanted, keys).strange(keys)
     if current is None:
-        strange += [name for name in folder.names() if is_listing(name)]
+        strange += filter(is_listing, folder.names())
     if strange:
         raise in_the_way(folder, strange, "this dataset")
 
 
 def _extended(current: Manifest, wanted: Manifest) -> Manifest:
     """Return the manifest of a dataset that is continued, with what is new; exports may be others."""
-    new = {key: plain(wanted.settings[key]) for key in ("exports",) if key in wanted.settings}
+    new: dict[str, Any] = {}
+    if "exports" in wanted.settings:
+        new["exports"] = plain(wanted.settings["exports"])
     watch = wanted.settings.get("options", {}).get("watch")
     if current.origin is None and watch is not None:  # version 0.2 did not write it
         new["options"] = {**current.settings["options"], "watch": watch}
@@ -212,10 +242,11 @@ def _plan(
     """Write the planned frames, unless all of them are in the list of a complete dataset.
 
     Args:
-        folder, whole: the dataset and its manifest.
+        folder: of the dataset.
+        whole: its manifest.
         wanted: the manifest of the worlds whose frames are planned now.
         planned: these frames.
-        there: the frames that the dataset has, for a part those that are its own.
+        there: the frames that the dataset has; for a part, those of the part.
         before: the names of the worlds that the dataset had before.
     """
     worlds = worlds_of(wanted)
@@ -224,7 +255,10 @@ def _plan(
     frames = {frame.key: frame for frame in planned.frames()}
     if folder.exists(FRAMES) and frames.keys() <= there.frames.keys():
         return
-    others = [frame for frame in read_planned(folder, whole) if frame.world not in worlds]
+    others = []
+    for frame in read_planned(folder, whole):
+        if frame.world not in worlds:
+            others.append(frame)
     write_planned(folder, [*others, *frames.values()])
 
 
@@ -236,27 +270,45 @@ def worlds_of(whole: Manifest) -> set[str]:
 def _difference(
     folder: Folder, current: Manifest, wanted: Manifest, planned: Planned | None, there: Belongings
 ) -> str:
-    """Return the first thing in which a dataset differs from what is wanted, with both values, as the end of
-    a sentence that begins with "its"; empty for none."""
+    """Return the first thing in which a dataset differs from what is wanted, with both values.
+
+    It is the end of a sentence that begins with "its"; empty if nothing differs.
+    """
     for name, camera in wanted.cameras.items():
         if current.cameras.get(name, camera) != camera:
             return f"camera {name!r} is {current.cameras[name]!r}, in the job {camera!r}"
     if current.rules != wanted.rules and (wanted.rules is not None or planned is not None):
-        if wanted.rules is None or current.rules is None:
-            has, lacks = ("no classes", "classes") if current.rules is None else ("classes", "none")
-            return f"frames have {has}, in the job {lacks}"
-        rules = differences(plain(current.rules.to_dict()), plain(wanted.rules.to_dict()), "classes.")
-        return next(rules, "classes are other classes than those of the job")
-    if wanted.settings:
-        settings = {key: plain(value) for key, value in wanted.settings.items() if key != "exports"}
-        known = {key: current.settings.get(key) for key in settings}
-        if current.origin is None:  # version 0.2 did not write whether it watched
-            settings = {**settings, "options": {**settings["options"], "watch": None}}
-        if line := next(differences(known, settings), ""):
-            return line
-    return _difference_of_worlds(current, wanted, planned) or (
-        _difference_of_frames(folder, current, wanted, planned, there) if planned is not None else ""
-    )
+        return _difference_of_rules(current.rules, wanted.rules)
+    if wanted.settings and (line := _difference_of_settings(current, wanted)):
+        return line
+    if line := _difference_of_worlds(current, wanted, planned):
+        return line
+    if planned is None:
+        return ""
+    return _difference_of_frames(folder, current, wanted, planned, there)
+
+
+def _difference_of_rules(current: ClassRules | None, wanted: ClassRules | None) -> str:
+    """As :func:`_difference`, of classes that are not equal."""
+    if current is None:
+        return "frames have no classes, in the job classes"
+    if wanted is None:
+        return "frames have classes, in the job none"
+    rules = differences(plain(current.to_dict()), plain(wanted.to_dict()), "classes.")
+    return next(rules, "classes are other classes than those of the job")
+
+
+def _difference_of_settings(current: Manifest, wanted: Manifest) -> str:
+    """As :func:`_difference`, of the settings but for exports, which may be others."""
+    before: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
+    for key, value in wanted.settings.items():
+        if key != "exports":
+            before[key] = current.settings.get(key)
+            settings[key] = plain(value)
+    if current.origin is None:  # version 0.2 did not write whether it watched
+        settings["options"] = {**settings["options"], "watch": None}
+    return next(differences(before, settings), "")
 
 
 def _difference_of_worlds(current: Manifest, wanted: Manifest, planned: Planned | None) -> str:
@@ -279,31 +331,55 @@ def _difference_of_worlds(current: Manifest, wanted: Manifest, planned: Planned 
 def _difference_of_frames(
     folder: Folder, current: Manifest, wanted: Manifest, planned: Planned, there: Belongings
 ) -> str:
-    """As :func:`_difference`, of frames that are there, and of those that others may be making."""
-    origin = current.origin or Origin()
-    mine = (wanted.origin or Origin()).worlds
-    digests = [origin.worlds.get(name, {}).get("poses") == world.get("poses") for name, world in mine.items()]
-    if planned.is_part and all(digests):  # the whole plan is the same: it need not be made for each part
-        return ""
-    frames = {frame.key: frame.to_dict() for frame in planned.frames()}
+    """As :func:`_difference`, of frames that exist, and of those that other processes may be making."""
+    worlds = (wanted.origin or Origin()).worlds
+    if planned.is_part and _has_same_poses(current, worlds):
+        return ""  # the whole plan is the same: it need not be made for each part
+    lines = {frame.key: frame.to_dict() for frame in planned.frames()}
+    keys = set()
+    for key, frame in _present_frames(folder, current, planned, there):
+        if frame.world in worlds:
+            keys.add(key)
+        elif frame.world in planned.worlds:
+            continue
+        if key not in lines:
+            return f"frame {key} is none of the {len(lines)} of the job"
+        if difference := _difference_of_frame(current, frame, lines[key]):
+            return difference
+    if planned.is_part and folder.exists(PLANNED) and keys and lines.keys() != keys:
+        return f"frames are {len(keys)}, of the job {len(lines)}: parts of one job have the same"
+    return ""
+
+
+def _present_frames(
+    folder: Folder, current: Manifest, planned: Planned, there: Belongings
+) -> list[tuple[str, Frame]]:
+    """Return the frames that exist, and those that other processes may be making, by their keys, in order."""
     if planned.is_part:
         there = Belongings(folder, current)  # all frames, not those of the part alone
-    known = list(there.frames.values())
+    frames = dict(there.frames)
     if planned.is_part or folder.local is None or _is_written(folder):
-        known += [frame for frame in read_planned(folder, current) if frame.key not in there.frames]
-    for frame in sorted(known, key=lambda frame: frame.key):
-        if frame.world in mine or frame.world not in planned.worlds:
-            line = frames.get(frame.key)
-            if line is None:
-                return f"frame {frame.key} is none of the {len(frames)} of the job"
-            if difference := frame_difference(frame.to_dict(), line):
-                return f"frame {frame.key} has {difference}"
-            if frame.made_of not in ("", current.made_of(frame.world)):
-                return f"frame {frame.key} is one of another job or source, which was copied into it"
-    keys = {frame.key for frame in known if frame.world in mine}
-    if planned.is_part and folder.exists(PLANNED) and keys and frames.keys() != keys:
-        return f"frames are {len(keys)}, of the job {len(frames)}: parts of one job have the same"
+        for frame in read_planned(folder, current):
+            frames.setdefault(frame.key, frame)
+    return sorted(frames.items())
+
+
+def _difference_of_frame(current: Manifest, frame: Frame, line: Mapping[str, Any]) -> str:
+    """As :func:`_difference`, of a frame that exists, and its line in the plan of the job."""
+    if difference := frame_difference(frame.to_dict(), line):
+        return f"frame {frame.key} has {difference}"
+    if frame.made_of not in ("", current.made_of(frame.world)):
+        return f"frame {frame.key} is one of another job or source, which was copied into it"
     return ""
+
+
+def _has_same_poses(current: Manifest, worlds: Mapping[str, World]) -> bool:
+    """Return whether a dataset has as many poses of each world, with the same digest."""
+    origin = current.origin or Origin()
+    for name, world in worlds.items():
+        if origin.worlds.get(name, {}).get("poses") != world.get("poses"):
+            return False
+    return True
 
 
 # -- the end ---------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
-"""Which files of a folder are its dataset's: the only ones that are deleted or replaced.
+"""Which files of a folder belong to its dataset: only these are deleted or replaced.
 
 The record of a dataset lists them: ``frames.jsonl``, before it the ``KEY.json`` of each frame and
-``planned.jsonl``, and the list that each export keeps. Whatever else lies there is somebody else's.
+``planned.jsonl``, and the list that each export keeps. All other files there are somebody else's.
 """
 
 import re
@@ -26,12 +26,12 @@ _MARKER = re.compile(r"parts/[0-9]+-of-[0-9]+\.json")
 
 
 class Belongings:
-    """The frames and files of a dataset in a folder, as its record has them when they are first asked for.
+    """The frames and files of a dataset in a folder. The record is read when they are first needed.
 
     Args:
         folder: of the dataset, complete or not.
         whole: its manifest.
-        keys: only frames of these, for a part of a large dataset; of all if not given.
+        keys: only frames of these keys, for a part of a large dataset; all frames if not given.
     """
 
     def __init__(self, folder: Folder, whole: Manifest, keys: Collection[str] | None = None) -> None:
@@ -43,30 +43,37 @@ class Belongings:
     @cached_property
     def frames(self) -> dict[str, Frame]:
         """The whole frames by key: those that ``frames.jsonl`` lists, and others that have their own file."""
-        keys = [name.removesuffix(".json") for name in self._names if _is_description(name)]
+        described = []
+        keys = set()
+        for name in self._names:
+            keys.add(self._key_of(name))
+            if _is_description(name):
+                described.append(name.removesuffix(".json"))
+        lost = keys.difference(described)
         frames: dict[str, Frame] = {}
-        lost = {self._key_of(name) for name in self._names}.difference(keys)
         # The list is read for a part, too, if some of its frames lack their own file.
         if (self._keys is None or lost) and self._folder.exists(FRAMES):
             with suppress(DatasetError):  # a damaged list: each frame has its own file
-                frames = {frame.key: frame for frame in manifest.read_frames(self._folder, self._whole)}
-        others = [key for key in keys if key not in frames]
-        for frame in self._folder.each(partial(frame_of, self._folder, self._whole), others):
-            if frame is not None:
-                frames[frame.key] = frame
+                for frame in manifest.read_frames(self._folder, self._whole):
+                    frames[frame.key] = frame
+        others = [key for key in described if key not in frames]
+        for other in self._folder.each(partial(frame_of, self._folder, self._whole), others):
+            if other is not None:
+                frames[other.key] = other
         return frames
 
     @cached_property
     def begun(self) -> frozenset[str]:
-        """The keys of frames that were planned or have failed: files of theirs may be there in part."""
+        """The keys of frames that were planned or have failed: some of their files may exist."""
         keys = {frame.key for frame in manifest.read_planned(self._folder, self._whole)}
         with suppress(DatasetError):
-            keys |= {str(line["key"]) for line in manifest.read_failed(self._folder)}
+            for line in manifest.read_failed(self._folder):
+                keys.add(str(line["key"]))
         return frozenset(keys)
 
     def files(self) -> list[str]:
         """Return the names of the files of the dataset, but for exports and ``dataset.json``."""
-        return [name for name in self._names if self._is_own(name)]
+        return list(filter(self._is_own, self._names))
 
     def exported(self) -> list[str]:
         """Return the names of the files of its exports."""
@@ -76,12 +83,15 @@ class Belongings:
         """Return files of somebody else that have names of files of frames of some keys.
 
         In a store, an interrupted writer leaves files without the last one of their frame, and nothing else
-        says whose they are: only files that would be that last one are taken for somebody else's.
+        says whose they are. So there only files that would be that last one are taken for somebody else's.
         """
-        names = self._names
-        if self._folder.local is None:
-            names = [name for name in names if _is_description(name)]
-        return [name for name in names if self._key_of(name) in keys and not self._is_own(name)]
+        strange = []
+        for name in self._names:
+            if self._folder.local is None and not _is_description(name):
+                continue
+            if self._key_of(name) in keys and not self._is_own(name):
+                strange.append(name)
+        return strange
 
     @cached_property
     def _names(self) -> list[str]:
@@ -89,9 +99,15 @@ class Belongings:
         if self._keys is None:
             return self._folder.names()
         endings = [".json"] if self._folder.local is None else sorted(self._endings)
-        names = [f"{key}{ending}" for key in self._keys for ending in endings]
-        exist = self._folder.each(self._folder.exists, names)
-        return [name for name, exists in zip(names, exist, strict=True) if exists]
+        possible = []
+        for key in self._keys:
+            for ending in endings:
+                possible.append(f"{key}{ending}")
+        names = []
+        for name, exists in zip(possible, self._folder.each(self._folder.exists, possible), strict=True):
+            if exists:
+                names.append(name)
+        return names
 
     def _is_own(self, name: str) -> bool:
         if is_listing(name):
@@ -107,7 +123,16 @@ class Belongings:
 
 
 def frame_of(folder: Folder, whole: Manifest, key: str) -> Frame | None:
-    """Return the frame that ``KEY.json`` describes; None if it is missing, damaged, or somebody else's."""
+    """Return the frame that ``KEY.json`` in the folder of a dataset describes.
+
+    Args:
+        folder: of the dataset.
+        whole: its manifest.
+        key: of the frame.
+
+    Returns:
+        None if the file is missing, damaged, or somebody else's.
+    """
     name = f"{key}.json"
     try:
         return whole.frame_of_file(name, folder.read(name, MOST_JSON_BYTES), folder)

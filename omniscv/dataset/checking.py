@@ -22,6 +22,7 @@ from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.mixtures import mixed
 from omniscv.errors import DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import IMAGE, Frame
+from omniscv.frame.classes import ClassTable
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
@@ -51,14 +52,21 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
     faults += _stale_exports(folder, frames)
-    exports = [Export(**export) for export in whole.settings["exports"]]
-    if format is not None:
-        name = exporting.get(format).name
-        exports = [export for export in exports if export.format == name] or [Export(name)]
+    exports = _exports(whole, format)
     if not faults:  # of damaged frames, every export would have faults
         for export in exports:
             faults += _export_faults(folder, frames, export, deep or format is not None)
     return faults
+
+
+def _exports(whole: Manifest, format: str | None) -> list[Export]:
+    """Return the exports that a manifest lists; with a format those of it, or the one with its defaults."""
+    exports = [Export(**export) for export in whole.settings["exports"]]
+    if format is None:
+        return exports
+    name = exporting.get(format).name
+    matching = [export for export in exports if export.format == name]
+    return matching if matching else [Export(name)]
 
 
 def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
@@ -70,8 +78,8 @@ def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
         return
     for key, value in expected.items():
         if content.get(key) != value:
-            got = shown(content.get(key))
-            yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
+            other = shown(content.get(key))
+            yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {other}"
 
 
 def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterator[str]:
@@ -101,16 +109,23 @@ def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> 
         if not faults:
             with _faults_in(path, faults):
                 _check_own_file(whole, local)
-        layers: dict[str, NDArray[Any]] = {}
-        known = {row.name for row in modalities.layers()}
-        for kind in local.files if deep and not faults else ():
-            with _faults_in(path, faults):
-                if kind in known:
-                    layers[kind] = local.layer(kind)
-                elif kind != IMAGE:
-                    local.records(kind)
-        faults += _layer_faults(local, layers)
+        if deep and not faults:
+            layers = _read_layers(path, local, faults)
+            faults += _layer_faults(local, layers)
     return faults
+
+
+def _read_layers(path: Path, frame: Frame, faults: list[str]) -> dict[str, NDArray[Any]]:
+    """Return the layers of a frame in a local folder, and read its records; append a line for each fault."""
+    layers: dict[str, NDArray[Any]] = {}
+    names = {modality.name for modality in modalities.layers()}
+    for kind in frame.files:
+        with _faults_in(path, faults):
+            if kind in names:
+                layers[kind] = frame.layer(kind)
+            elif kind != IMAGE:
+                frame.records(kind)
+    return layers
 
 
 @contextmanager
@@ -222,8 +237,12 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
 
 @contextmanager
 def local_copy(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
-    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a store's;
-    ``sizes`` are the bytes that each may have, None for what the store says."""
+    """A local folder with files of a dataset: its own, or a temporary one with copies of those in a store.
+
+    Args:
+        folder: of the dataset.
+        sizes: by name, the bytes that each file may have; None for as many as the store says.
+    """
     if folder.local is not None:
         yield folder.local
         return
@@ -239,17 +258,22 @@ def local_copy(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path
         yield Path(place)
 
 
-def _differences(expected: Path, got: Path) -> Iterator[str]:
+def _differences(expected: Path, folder: Path) -> Iterator[str]:
     """Yield how files below a folder differ from the expected ones."""
-    files = {path.relative_to(expected) for path in expected.rglob("*") if path.is_file()}
-    there = {path.relative_to(got) for path in got.rglob("*") if path.is_file()}
-    for name in sorted(files | there - {Path(exported.LISTS)}):
+    files = _files_below(expected)
+    present = _files_below(folder)
+    for name in sorted(files | present - {Path(exported.LISTS)}):
         if name not in files:
             yield f"{name}: expected no such file"
-        elif not (got / name).is_file():
+        elif not (folder / name).is_file():
             yield f"{name}: expected a file, it is missing"
-        elif not filecmp.cmp(got / name, expected / name, shallow=False):
+        elif not filecmp.cmp(folder / name, expected / name, shallow=False):
             yield f"{name}: expected what the frames give, got other bytes"
+
+
+def _files_below(folder: Path) -> set[Path]:
+    """Return the paths of all files below a folder, relative to it."""
+    return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
 
 
 # -- counts -----------------------------------------------------------------------------------------------
@@ -259,34 +283,48 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
     """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind."""
     folder = storage.folder(out)
     whole = manifest.read(folder)
-    there = set(folder.names())
-    complete = manifest.FRAMES in there
+    names = set(folder.names())
+    complete = manifest.FRAMES in names
     frames = manifest.read_frames(folder, whole) if complete else []
-    sizes = Counter[str]()
-    missing = Counter[str]()
+    cameras = Counter[str]()
+    splits = Counter[str]()
+    places = set[str]()
+    sizes = Counter[str]()  # bytes by kind of file
+    missing = Counter[str]()  # files by kind
     for frame in frames:
+        cameras[frame.camera_name] += 1
+        if frame.split:
+            splits[frame.split] += 1
+        if frame.place:
+            places.add(frame.place)
         for kind, file in frame.entries.items():
             sizes[kind] += file.bytes
-            missing[kind] += file.path not in there
-    classes = whole.classes
-    failed = manifest.read_failed(folder)
-    objects = Counter(classes.of_object.values() if classes else ())
+            if file.path not in names:
+                missing[kind] += 1
+    counts: dict[str, Any] = {"complete": complete, "frames": len(frames)}
+    if failed := manifest.read_failed(folder):
+        counts["failed"] = len(failed)
+    if varied := _ranges(frames):
+        counts["varied"] = varied
     return {
-        "complete": complete,
-        "frames": len(frames),
-        **({"failed": len(failed)} if failed else {}),
-        **({"varied": varied} if (varied := _ranges(frames)) else {}),
-        "cameras": dict(Counter(frame.camera_name for frame in frames)),
-        "splits": dict(sorted(Counter(frame.split for frame in frames if frame.split).items())),
-        "places": len({frame.place for frame in frames if frame.place}),
+        **counts,
+        "cameras": dict(cameras),
+        "splits": dict(sorted(splits.items())),
+        "places": len(places),
         "objects": len(whole.names),
-        "taxonomy": None if classes is None else classes.taxonomy,
-        "classes": {} if classes is None else {name: objects[name] for name in classes.classes},
+        "taxonomy": None if whole.classes is None else whole.classes.taxonomy,
+        "classes": {} if whole.classes is None else _objects_by_class(whole.classes),
         "exports": [export["out"] for export in whole.settings["exports"]],
         "bytes": dict(sorted(sizes.items())),
-        "missing": {kind: count for kind, count in sorted(missing.items()) if count},
+        "missing": dict(sorted(missing.items())),
         "versions": dict(whole.versions),
     }
+
+
+def _objects_by_class(classes: ClassTable) -> dict[str, int]:
+    """Return the number of objects of each class."""
+    objects = Counter(classes.of_object.values())
+    return {name: objects[name] for name in classes.classes}
 
 
 def _ranges(frames: list[Frame]) -> dict[str, str]:
@@ -298,4 +336,7 @@ def _ranges(frames: list[Frame]) -> dict[str, str]:
                 for setting, value in settings.items():
                     if not isinstance(value, str):
                         values.setdefault(f"{kind}.{setting}", []).extend(np.ravel(value).tolist())
-    return {name: f"{min(drawn):.4g} to {max(drawn):.4g}" for name, drawn in sorted(values.items())}
+    ranges = {}
+    for name, drawn in sorted(values.items()):
+        ranges[name] = f"{min(drawn):.4g} to {max(drawn):.4g}"
+    return ranges

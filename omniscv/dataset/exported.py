@@ -1,5 +1,8 @@
-"""Exports in folders: in a dataset's, or in one of the user. Each has a list of its files there, and of what
-they show, so that a later one replaces its own files wholly and no others, and checks notice old ones."""
+"""Exports in folders: in a dataset's, or in one of the user.
+
+A list beside the files of each export names them, and what they show. By it a later export replaces exactly
+the files of the one before it, and a check notices files that are out of date.
+"""
 
 import json
 import os
@@ -73,9 +76,14 @@ def export(
     wanted = Export(to, options=options, cameras=cameras)
     source = storage.folder(folder)
     frames = open(source)
-    kinds = [frame.kinds for frame in frames if wanted.shows(frame.camera_name)]
+    kinds = []
+    camera_of = {}
+    for frame in frames:
+        camera_of[frame.camera_name] = frame.camera
+        if wanted.shows(frame.camera_name):
+            kinds.append(frame.kinds)
     common = set.intersection(*kinds) if kinds else set(get(to).needs)
-    wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
+    wanted.check(camera_of, common)
     if out is None:
         check_free(source, read(source), [wanted])
         return replace_export(wanted, frames, source)
@@ -124,12 +132,14 @@ def _place(
             part.mkdir(parents=True)
             paths = wanted.write_into(with_stand_in(frames, root) if within_dataset else frames, part)
         last = [path.relative_to(part).as_posix() for path in paths]  # these list others
-        names = {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+        names = _names_below(part)
         if target.local is not None:
             stack.enter_context(_locked(target.local))
         new = Listed(wanted, state_of(wanted, frames), sorted(names), of_job)
         _move(new, part, sorted(names.difference(last)), last, target, within_dataset)
-    return [f"{target}/{name}" if target.local is None else target.local / name for name in last]
+    if target.local is None:
+        return [f"{target}/{name}" for name in last]
+    return [target.local / name for name in last]
 
 
 @contextmanager
@@ -161,17 +171,23 @@ def _move(
     names = set(new.files)
     if target.local is not None:  # which is locked
         remove_parts(target.local / LISTS)
-    there = set(target.names())
+    present = set(target.names())
     lists = read_lists(target)
-    if lists is None:  # in a dataset of version 0.2, which kept no list, names of the new one are its own
-        lists = {format: replace(new, files=[*there & names])} if within_dataset else {}
-    replaced = set(lists) if within_dataset else {format}
-    mine = {name for format in replaced & lists.keys() for name in lists[format].files}
-    if strange := sorted(there & names - mine):
+    if lists is None:
+        lists = {}
+        if within_dataset:  # of version 0.2, which kept no list: names of the new export are its own
+            lists[format] = replace(new, files=[*present & names])
+    earlier: set[str] = set()
+    kept = {}
+    for other, listed in lists.items():
+        if within_dataset or other == format:
+            earlier.update(listed.files)
+        else:
+            kept[other] = listed
+    if strange := sorted(present & names - earlier):
         raise in_the_way(target, strange, f"the export to {format}")
-    kept = {format: listed for format, listed in lists.items() if format not in replaced}
     # Listed before they are there: whatever kills the process, the next export knows them.
-    _write_lists(target, {**kept, format: replace(new, state="", files=sorted(mine | names))})
+    _write_lists(target, {**kept, format: replace(new, state="", files=sorted(earlier | names))})
 
     def put(name: str) -> None:
         if target.local is None:
@@ -183,7 +199,7 @@ def _move(
     target.each(put, others)
     for name in last:
         put(name)
-    target.remove_files(sorted(mine & there - names))
+    target.remove_files(sorted(earlier & present - names))
     _write_lists(target, {**kept, format: new})
 
 
@@ -191,17 +207,29 @@ def _move(
 
 
 def state_of(export: Export, frames: Sequence[Frame]) -> str:
-    """Return a digest of the frames that an export shows, but for their files, which the same frames always
-    have, and of what their ids mean."""
-    shown = [frame for frame in frames if export.shows(frame.camera_name)]
-    lines = [{**frame.to_dict(), "files": {}} for frame in shown]
-    classes = [] if not shown or shown[0].classes is None else [asdict(shown[0].classes)]
-    names = dict(shown[0].instances) if shown else {}
+    """Return a digest of those of ``frames`` that an ``export`` shows, and of what their ids mean.
+
+    Files are left out: the same frames always have the same.
+    """
+    lines: list[dict[str, Any]] = []
+    names: dict[str, int] = {}
+    classes: list[dict[str, Any]] = []
+    for frame in frames:
+        if not export.shows(frame.camera_name):
+            continue
+        if not lines:  # all frames share names and classes
+            names = dict(frame.instances)
+            classes = [] if frame.classes is None else [asdict(frame.classes)]
+        lines.append({**frame.to_dict(), "files": {}})
     return digest([lines, names, classes])
 
 
 def read_lists(target: Folder, out: str = "") -> dict[str, Listed] | None:
-    """Return the exports in a folder by format, of the name ``out``; None if no list is there."""
+    """Return the exports in the folder ``target`` by format; None if no list is there.
+
+    ``out`` is the name of the folder below ``exports/``; that of the format if empty. ArgumentError: the list
+    is damaged.
+    """
     try:
         content = parse_json(target.read(LISTS, MOST_JSON_BYTES))
         lists = {}
@@ -224,25 +252,41 @@ def _write_lists(target: Folder, lists: Mapping[str, Listed]) -> None:
 
 def listed_in(folder: Folder) -> dict[str, list[Listed]]:
     """Return the exports in a dataset's folder that have lists, by the names of their folders."""
-    outs = {path.split("/")[1] for path in folder.names(f"{EXPORTS}/") if path.count("/") > 1}
     listed = {}
-    for out in sorted(outs):
+    for out in _outs(folder):
         lists = read_lists(folder.below(f"{EXPORTS}/{out}"), out)
         if lists:
             listed[out] = list(lists.values())
     return listed
 
 
+def _outs(folder: Folder) -> list[str]:
+    """Return the names of the folders below ``exports/`` that have files, in order."""
+    outs = set()
+    for path in folder.names(f"{EXPORTS}/"):
+        if path.count("/") > 1:
+            outs.add(path.split("/")[1])
+    return sorted(outs)
+
+
 def renew_exports(folder: Folder, exports: Sequence[Export], frames: Sequence[Frame]) -> list[str]:
-    """Write the exports of a job into its dataset, remove those that it has no more, and write again those
-    that somebody has added by hand, if they are of other frames.
+    """Write the exports of a job into its dataset, and bring others there up to date.
+
+    Exports of the job that it does not list any more are removed. Those that somebody has added by hand are
+    written again if they are of other frames.
+
+    Args:
+        folder: of the dataset.
+        exports: that the job lists.
+        frames: of the dataset, all of them.
 
     Returns:
-        A line for each of the latter that could not be written.
+        A line for each export added by hand that could not be written.
     """
     lines = []
+    outs = {export.out for export in exports}
     for out, others in listed_in(folder).items():
-        if out in {export.out for export in exports}:
+        if out in outs:
             continue
         for listed in others:
             if listed.of_job:
@@ -265,7 +309,9 @@ def check_free(folder: Folder, whole: Manifest | None, exports: Iterable[Export]
         whole: its manifest, as the exports that are there were made with it; None for a new dataset.
         exports: that are to be written into it.
     """
-    earlier = set() if whole is None else {export["out"] for export in whole.settings.get("exports", ())}
+    earlier: set[str] = set()
+    if whole is not None:
+        earlier.update(export["out"] for export in whole.settings.get("exports", ()))
     for export in exports:
         target = folder.below(f"{EXPORTS}/{export.out}")
         if export.out not in earlier and read_lists(target) is None and (names := target.names()):
@@ -273,8 +319,15 @@ def check_free(folder: Folder, whole: Manifest | None, exports: Iterable[Export]
 
 
 def remove_exports(folder: Folder, files: Sequence[str]) -> None:
-    """Remove files of exports; a folder that holds others, too, gets the list of no files: they are known
-    then, and stay."""
+    """Remove files of exports.
+
+    Args:
+        folder: of the dataset.
+        files: their names in it, such as ``exports/coco/annotations.json``.
+
+    A folder that holds other files, too, gets an empty list. By it, the next export knows that they are not
+    its own, and they stay.
+    """
     folder.remove_files(files)
     for out in {name.split("/")[1] for name in files}:
         target = folder.below(f"{EXPORTS}/{out}")
@@ -288,21 +341,33 @@ def _names_of(export: Export, frames: Sequence[Frame]) -> set[str]:
         with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
             part = Path(root) / EXPORTS / export.out
             export.write_into(with_stand_in(frames, Path(root)), part)
-            return {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+            return _names_below(part)
     except OmniscvError:
         return set()
 
 
+def _names_below(folder: Path) -> set[str]:
+    """Return the names of all files below a local folder, relative to it."""
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
 def files_of_exports(folder: Folder, whole: Manifest, frames: Sequence[Frame]) -> list[str]:
-    """Return the files of all exports in a dataset's folder, with their lists, as seen from there."""
-    earlier = {export["out"]: Export(**export) for export in whole.settings.get("exports", ())}
-    outs = {path.split("/")[1] for path in folder.names(f"{EXPORTS}/") if path.count("/") > 1}
+    """Return the files of all exports in the ``folder`` of a dataset, with their lists, as seen from there.
+
+    ``whole`` is its manifest. Exports of version 0.2 have no list: their files are known by making them again
+    of ``frames``.
+    """
+    earlier = {}
+    for export in whole.settings.get("exports", ()):
+        earlier[export["out"]] = Export(**export)
     files = []
-    for out in sorted(outs):
+    for out in _outs(folder):
         target = folder.below(f"{EXPORTS}/{out}")
         lists = read_lists(target)
         if lists is not None:
-            names = {LISTS, *(name for listed in lists.values() for name in listed.files)}
+            names = {LISTS}
+            for listed in lists.values():
+                names.update(listed.files)
         elif out in earlier:  # version 0.2 kept no list
             names = _names_of(earlier[out], frames).intersection(target.names())
         else:
@@ -312,7 +377,11 @@ def files_of_exports(folder: Folder, whole: Manifest, frames: Sequence[Frame]) -
 
 
 def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
-    """Return frames whose files have a local folder as stand-in for that of a store."""
-    stored = (frame.files for frame in frames)
-    files = [replace(of, stand_in=root) if isinstance(of, FrameFiles) else of for of in stored]
-    return [replace(frame, files=of) for frame, of in zip(frames, files, strict=True)]
+    """Return ``frames`` whose files have the local folder ``root`` as stand-in for that of a store."""
+    changed = []
+    for frame in frames:
+        files = frame.files
+        if isinstance(files, FrameFiles):
+            files = replace(files, stand_in=root)
+        changed.append(replace(frame, files=files))
+    return changed

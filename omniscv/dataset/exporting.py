@@ -54,26 +54,32 @@ class Format(WithOptions, ABC):
         return None
 
     def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
-        """Return what frames of cameras must have: ``needs``."""
+        """Return what frames of ``cameras`` must have for an export with ``options``: here ``needs``."""
         return self.needs
 
     def check_options(self, options: Any, cameras: Mapping[str, Camera]) -> None:
-        """Raise ArgumentError for options that do not fit the cameras, before anything is captured."""
+        """Raise ArgumentError for ``options`` that do not fit ``cameras``, before anything is captured."""
 
     @abstractmethod
     def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
-        """Write frames below a folder, and return the files.
+        """Write ``frames`` with ``options`` below the folder ``out``.
+
+        Returns:
+            The files that list others, or all of them. They are moved to their place last.
 
         Raises:
             ArgumentError: frames that the format cannot carry.
         """
 
     def export(self, frames: Sequence[Frame], out: Path, options: Mapping[str, Any]) -> list[Path]:
-        """Write frames as :meth:`write` does, with options as a job has them."""
+        """Write ``frames`` into ``out`` as :meth:`write` does, with ``options`` as a job has them."""
         return self.write(frames, out, self.read_options(options))
 
     def check(self, frames: Sequence[Frame], out: Path) -> list[str] | None:
-        """Return a line for each fault of an export; None: compare it with a new export."""
+        """Return a line for each fault of an export of ``frames`` in the folder ``out``.
+
+        None: the format has no check of its own, and the export is compared with a new one.
+        """
         return None
 
 
@@ -167,21 +173,24 @@ class Export:
         start = f"export: {self.format}"
         for name in self.cameras:
             one_of(f"{start}: {_NAMED_BY}", name, cameras)
-        cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}
+        exported = {}
         for name, camera in cameras.items():
+            if not self.shows(name):
+                continue
             if reason := format.refuses(camera):
                 advice = f"name others by {_NAMED_BY}"
                 raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}; {advice}")
+            exported[name] = camera
         with within(start):
             options = format.read_options(self.options)
-            format.check_options(options, cameras)
-        if missing := [kind for kind in format.needs_of(cameras, options) if kind not in kinds]:
+            format.check_options(options, exported)
+        if missing := [kind for kind in format.needs_of(exported, options) if kind not in kinds]:
             wanted = f"expected frames with {', '.join(missing)}"
             advice = "make the dataset with these 'modes', truths or 'imu' (labels: object_mask)"
             raise ArgumentError(f"{start}: {wanted}; they have {', '.join(sorted(kinds))}; {advice}")
 
     def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
-        """Write frames as the format does, file by file."""
+        """Write those of ``frames`` that the export shows into a local ``folder``; return as Format.write."""
         format = get(self.format)
         shown = [frame for frame in frames if self.shows(frame.camera_name)]
         with within(self.format):

@@ -83,8 +83,12 @@ class Manifest:
         known. Each frame has it in its own file."""
         if self.origin is None:
             return ""
-        described = {key: value for key, value in self.origin.worlds.get(world, {}).items() if key != "poses"}
-        settings = {key: plain(value) for key, value in self.settings.items() if key != "exports"}
+        described = dict(self.origin.worlds.get(world, {}))
+        described.pop("poses", None)
+        settings = {}
+        for key, value in self.settings.items():
+            if key != "exports":
+                settings[key] = plain(value)
         rules = None if self.rules is None else self.rules.to_dict()
         return digest([without_defaults(settings), without_defaults(plain(described)), rules])
 
@@ -108,7 +112,15 @@ class Manifest:
         return file_endings(truths.kinds())
 
     def frame(self, line: Any, folder: Folder) -> Frame:
-        """Return the frame of a line of ``frames.jsonl``, plain values; ArgumentError for anything else."""
+        """Return the frame of a line of ``frames.jsonl``.
+
+        Args:
+            line: plain values.
+            folder: of the dataset, which the names of its files are relative to.
+
+        Raises:
+            ArgumentError: the line is anything else.
+        """
         try:
             key = stem("key", line["key"])
             camera_name = stem("camera", line["camera"])
@@ -117,7 +129,8 @@ class Manifest:
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
             camera = with_path(self.cameras[camera_name], line.get("path"))
             size = camera.width, camera.height
-            marks = [row.name for row in modalities.layers() if row.mark]
+            marks = [modality.name for modality in modalities.layers() if modality.mark]
+            blank = tuple(one_of("blank", name, marks) for name in line.get("blank", ()))
             time_ns = line["time_ns"]
             if time_ns is not None:
                 time_ns = whole_number("time_ns", time_ns, least=-_MOST_NS, most=_MOST_NS)
@@ -127,7 +140,7 @@ class Manifest:
                 camera=camera,
                 pose=Pose.from_dict(line["pose"]),
                 files=FrameFiles(read_entries(key, size, line["files"], self._endings), size, folder),
-                blank=tuple(one_of("blank", name, marks) for name in line.get("blank", ())),
+                blank=blank,
                 instances=self.names,
                 classes=self.classes,
                 imu=self.imu,
@@ -146,7 +159,16 @@ class Manifest:
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
-        """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files."""
+        """Return the frame that a ``STEM.json`` describes, that file among its files.
+
+        Args:
+            name: of the file.
+            content: its bytes.
+            folder: of the dataset.
+
+        Raises:
+            DatasetError: the file is damaged, or describes a frame of another name.
+        """
         with _damage(name):
             described = parse_json(content)
             frame = self.frame(described["frame"], folder)
@@ -161,10 +183,10 @@ class Manifest:
         table = self.classes
         classes = None
         if self.rules is not None and table is not None:
-            listed = [asdict(row) for row in table.classes.values()]
-            of_object = {name: table.of_object[name] for name in self.names if name in table.of_object}
-            classes = {**self.rules.to_dict(), "classes": listed, "of_object": of_object}
-        return {
+            classes = self.rules.to_dict()
+            classes["classes"] = list(map(asdict, table.classes.values()))
+            classes["of_object"] = _select(table.of_object, self.names)
+        content = {
             "format": FORMAT,
             "omniscv": self.versions["omniscv"],
             "versions": dict(self.versions),
@@ -175,31 +197,25 @@ class Manifest:
             "splits": self.settings.get("splits"),
             "exports": self.settings.get("exports", []),
             "options": self.settings.get("options", {}),
-            **({} if self.origin is None else {"origin": self.origin.to_dict()}),
         }
+        if self.origin is not None:
+            content["origin"] = self.origin.to_dict()
+        return content
 
     @classmethod
     def from_dict(cls, data: Any) -> Self:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
         if not isinstance(data, dict) or data.get("format") != FORMAT:
-            got = data.get("format") if isinstance(data, dict) else data
-            raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
+            other = data.get("format") if isinstance(data, dict) else data
+            raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(other)}")
         try:
             cameras = read_cameras(data["cameras"])
             names = read_names(data["names"])
-            classes = data["classes"]
             rules = None
             table = None
-            if classes is not None:
-                stored = {key: value for key, value in classes.items() if key not in ("classes", "of_object")}
-                rules = class_rules(stored)
-                given = classes["of_object"]
-                of_object = {name: given[name] for name in names if name in given}
-                for name, class_name in of_object.items():
-                    one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)
-                table = ClassTable(rules.classes, of_object, rules.taxonomy)
-            keys = ("format", "out", "options", "cameras")
-            exports = [{key: export[key] for key in keys} for export in data["exports"]]
+            if data["classes"] is not None:
+                table, rules = _read_classes(data["classes"], names)
+            exports = list(map(_read_export, data["exports"]))
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
             origin = Origin.from_dict(data["origin"]) if "origin" in data else None
@@ -212,21 +228,50 @@ class Manifest:
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
 
+def _read_classes(classes: Any, names: Iterable[str]) -> tuple[ClassTable, ClassRules]:
+    """Return the classes that a manifest describes for its objects, and their rules.
+
+    ArgumentError: an object is of a class that the rules do not have.
+    """
+    stored = dict(classes.items())
+    stored.pop("classes", None)
+    stored.pop("of_object", None)
+    rules = class_rules(stored)
+    of_object = _select(classes["of_object"], names)
+    for name, class_name in of_object.items():
+        one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)
+    return ClassTable(rules.classes, of_object, rules.taxonomy), rules
+
+
+def _select(values: Any, names: Iterable[str]) -> dict[str, Any]:
+    """Return the values of some names, in their order; names without a value are left out."""
+    return {name: values[name] for name in names if name in values}
+
+
+def _read_export(export: Any) -> dict[str, Any]:
+    return {key: export[key] for key in ("format", "out", "options", "cameras")}
+
+
 def read_cameras(cameras: Any) -> dict[str, Camera]:
     """Return the cameras that a manifest describes, by name."""
-    return {stem("camera", name): from_dict(camera) for name, camera in cameras.items()}
+    by_name = {}
+    for name, description in cameras.items():
+        by_name[stem("camera", name)] = from_dict(description)
+    return by_name
 
 
 def read_names(names: Any) -> dict[str, int]:
     """Return the instance ids of a manifest, each another one, by the names of objects."""
-    ids = {name: whole_number("names", number, most=MOST_IDS) for name, number in names.items()}
+    ids = {}
+    for name, number in names.items():
+        ids[name] = whole_number("names", number, most=MOST_IDS)
     if len(set(ids.values())) != len(ids):
         raise ArgumentError("names: expected another id for each")
     return ids
 
 
 def any_text(name: str, value: object) -> str:
-    """Return a text, which may be empty; ArgumentError for anything else."""
+    """Return a text, which may be empty; ArgumentError, which begins with ``name``, if ``value`` is none."""
     if not isinstance(value, str):
         raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
     return value
@@ -265,15 +310,20 @@ def read(out: str | Path | Folder) -> Manifest:
 
 
 def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
-    """Write ``dataset.json``, with ``first`` only where there is none; return whether it was written."""
+    """Write a ``manifest`` as ``dataset.json`` of the folder ``out``; with ``first`` only if there is none.
+
+    Returns:
+        Whether it was written.
+    """
     text = json.dumps(manifest.to_dict(), indent=2, allow_nan=False)
     return out.put(DATASET, f"{text}\n".encode(), first)
 
 
 def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list[Frame]:
-    """Return the frames of ``frames.jsonl``, in its order; ``whole`` is the manifest, read if not given.
+    """Return the frames of ``frames.jsonl`` in the dataset ``out``, in the order of the file.
 
-    DatasetError: the file is damaged, or missing: the dataset is not complete.
+    ``whole`` is the manifest, which is read if it is not given. DatasetError: the file is damaged, or it is
+    missing, as in a dataset that is not complete.
     """
     folder = storage.folder(out)
     manifest = read(folder) if whole is None else whole
@@ -292,14 +342,16 @@ def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list
 
 
 def write_frames(out: str | Path | Folder, frames: Iterable[Frame]) -> None:
-    """Write ``frames.jsonl`` in the order of keys, whole or not at all."""
-    _put_lines(storage.folder(out), FRAMES, [frame.to_dict() for frame in frames])
+    """Write ``frames.jsonl`` of ``frames`` into the dataset ``out``, by their keys, whole or not at all."""
+    _put_lines(storage.folder(out), FRAMES, map(Frame.to_dict, frames))
 
 
 def _put_lines(folder: Folder, name: str, lines: Iterable[Mapping[str, Any]]) -> None:
     """Write lines of JSON in the order of their keys."""
-    ordered = sorted(lines, key=lambda line: str(line["key"]))
-    folder.put(name, "".join(f"{json.dumps(line, allow_nan=False)}\n" for line in ordered).encode())
+    text = ""
+    for line in sorted(lines, key=lambda line: str(line["key"])):
+        text += f"{json.dumps(line, allow_nan=False)}\n"
+    folder.put(name, text.encode())
 
 
 def read_failed(out: str | Path | Folder) -> list[dict[str, Any]]:
@@ -307,13 +359,16 @@ def read_failed(out: str | Path | Folder) -> list[dict[str, Any]]:
     folder = storage.folder(out)
     if not folder.exists(FAILED):
         return []
+    failed = []
     with _damage(f"{folder}/{FAILED}"):
-        lines = [parse_json(line) for line in folder.read(FAILED, _MOST_FRAMES_BYTES).splitlines()]
-        return [{**line, "key": stem("key", line["key"]), "error": str(line["error"])} for line in lines]
+        for line in folder.read(FAILED, _MOST_FRAMES_BYTES).splitlines():
+            content = parse_json(line)
+            failed.append({**content, "key": stem("key", content["key"]), "error": str(content["error"])})
+    return failed
 
 
 def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
-    """Write ``failed.jsonl`` in the order of keys; remove it if nothing has failed."""
+    """Write ``lines`` to ``failed.jsonl`` of a ``folder``, in the order of keys; without lines remove it."""
     if failed := list(lines):
         _put_lines(folder, FAILED, failed)
     else:
@@ -321,8 +376,10 @@ def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
 
 
 def read_planned(folder: Folder, whole: Manifest) -> list[Frame]:
-    """Return the frames of ``planned.jsonl``, without files; none without the file, or if it is damaged:
-    nothing was made of its lines then that has no file of its own."""
+    """Return the frames of ``planned.jsonl`` in a ``folder``, without files; ``whole`` is its manifest.
+
+    There are none if the file is missing, or damaged: frames that were made have files of their own.
+    """
     try:
         content = folder.read(PLANNED, _MOST_FRAMES_BYTES)
         return [whole.frame(parse_json(line), folder) for line in content.splitlines()]
@@ -331,8 +388,8 @@ def read_planned(folder: Folder, whole: Manifest) -> list[Frame]:
 
 
 def write_planned(folder: Folder, frames: Iterable[Frame]) -> None:
-    """Write ``planned.jsonl`` in the order of keys."""
-    _put_lines(folder, PLANNED, [frame.to_dict() for frame in frames])
+    """Write ``frames`` to ``planned.jsonl`` of a ``folder``, in the order of keys."""
+    _put_lines(folder, PLANNED, map(Frame.to_dict, frames))
 
 
 def open(out: str | Path | Folder) -> tuple[Frame, ...]:
@@ -346,8 +403,10 @@ def open(out: str | Path | Folder) -> tuple[Frame, ...]:
 
 
 def with_names(names: Mapping[str, int], new: Iterable[str]) -> dict[str, int]:
-    """Return names with ids; new ones follow in sorted order."""
-    extended = {**names, **{name: i for i, name in enumerate(sorted(new), start=len(names) + 1)}}
+    """Return ``names`` with their ids, and ``new`` ones, in sorted order, with the ids that follow."""
+    extended = dict(names)
+    for name_id, name in enumerate(sorted(new), start=len(names) + 1):
+        extended[name] = name_id
     if len(extended) > MOST_IDS:
         raise ArgumentError(f"names: expected at most {MOST_IDS} objects in a dataset, got {len(extended)}")
     return extended

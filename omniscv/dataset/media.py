@@ -52,10 +52,16 @@ def refuses(camera: Camera) -> str | None:
 
 
 def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> dict[str, str]:
-    """Return the GPano fields of a picture of an equirectangular camera; ``north_deg`` is the compass heading
-    of the world's X axis, degrees clockwise from north."""
+    """Return the GPano fields of a picture.
+
+    Args:
+        camera: equirectangular.
+        pose: of the camera, world frame.
+        north_deg: the compass heading of the world's X axis, degrees clockwise from north.
+    """
     yaw, pitch, roll = pose.angles()
-    width, height = str(camera.width), str(camera.height)
+    width = str(camera.width)
+    height = str(camera.height)
     return {
         "ProjectionType": "equirectangular",
         "UsePanoramaViewer": "True",
@@ -72,8 +78,14 @@ def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> d
 
 
 def with_photo_sphere(picture: bytes, fields: Mapping[str, str]) -> bytes:
-    """Return a PNG or JPEG file that has no XMP packet with GPano fields in one; its pixels stay."""
-    written = " ".join(f'GPano:{name}="{escape(value)}"' for name, value in fields.items())
+    """Return a file with the pixels of ``picture``, and an XMP packet that holds GPano ``fields``.
+
+    ``picture`` is the content of a PNG or JPEG file without such a packet.
+    """
+    attributes = []
+    for name, value in fields.items():
+        attributes.append(f'GPano:{name}="{escape(value)}"')
+    written = " ".join(attributes)
     xmp = (
         '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         f'<rdf:Description rdf:about="" xmlns:GPano="{_NAMESPACE}" {written}/></rdf:RDF></x:xmpmeta>'
@@ -159,8 +171,8 @@ def write_video(
     number("rate", rate, above=0)
     names = {frame.camera_name for frame in frames}
     if len(names) != 1:
-        got = ", ".join(sorted(names)) or "none"
-        raise ArgumentError(f"video: expected the frames of one camera, got {got}; choose a camera")
+        listed = ", ".join(sorted(names)) or "none"
+        raise ArgumentError(f"video: expected the frames of one camera, got {listed}; choose a camera")
     camera = frames[0].camera
     if camera.width % 2 or camera.height % 2:
         wanted = "expected an even width and height, as H.264 needs"
@@ -181,7 +193,8 @@ def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> by
     file = BytesIO()
     with av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001))
-        stream.width, stream.height = frames[0].camera.width, frames[0].camera.height
+        stream.width = frames[0].camera.width
+        stream.height = frames[0].camera.height
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": _RATE_FACTOR, "preset": "medium"}
         coding = stream.codec_context

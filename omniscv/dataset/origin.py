@@ -1,8 +1,8 @@
-"""What a dataset is made of: the record by which a job, a shard or a writer is known to be of it.
+"""What a dataset is made of: a record by which a job, a shard or a writer is recognised as one of it.
 
-``dataset.json`` has it as ``origin``, beside the cameras, classes, splits and options, from before the first
-frame on. Datasets of version 0.2 have none. What a record does not say is not known, and differs from
-nothing; an option that it does not have had its default.
+``dataset.json`` has it as ``origin``, beside the cameras, classes, splits and options, before the first frame
+is written. Datasets of version 0.2 have none. Values that a record does not have are unknown, and no
+difference from other records. Options that it does not have had their defaults.
 """
 
 import hashlib
@@ -27,8 +27,8 @@ from omniscv.truth import registry as truths
 VERSION = 1
 
 MAY_DIFFER = ("exports", "poses")
-"""What a run may change of a dataset that it continues: exports, and the number of poses, if the frames that
-are there stay as they are. Timeouts, retries, workers, shards and ``failures`` are in no record."""
+"""What a run may change of a dataset that it continues: exports, and the number of poses if existing frames
+stay as they are. Timeouts, retries, workers, shards and ``failures`` are in no record."""
 
 _RECORDS: dict[str, type[Any]] = {
     "options": RenderOptions,
@@ -42,10 +42,10 @@ _RECORDS: dict[str, type[Any]] = {
 """By dotted key: the records whose fields have the defaults of options that a dataset does not have."""
 
 _UNKNOWN = ("scene", "world", "frozen")
-"""Of a world: what a source may not be able to tell; None then, which differs from nothing."""
+"""Keys of a world that are None if a source does not give them. None differs from nothing."""
 
 _LAST_DIGITS = 1e-9
-"""Of numbers of poses: how far two machines may compute them apart."""
+"""Largest difference of a number of a pose on two machines: absolute below 1, else relative."""
 
 _OTHER_DEFAULTS = {"options.store": "files", "options.depth_format": "exr"}
 
@@ -81,9 +81,10 @@ class Origin:
         values = mapping("origin", data)
         if values.get("version") != VERSION:
             raise ArgumentError(f"origin: expected version {VERSION}, got {shown(values.get('version'))}")
-        worlds = {name: mapping("origin.worlds", world) for name, world in values["worlds"].items()}
-        runs = [{text("run", key): text(key, run[key]) for key in run} for run in values["runs"]]
-        return cls(worlds, tuple(runs))
+        worlds = {}
+        for name, world in values["worlds"].items():
+            worlds[name] = mapping("origin.worlds", world)
+        return cls(worlds, tuple(map(_read_versions, values["runs"])))
 
     def joined(self, other: Self) -> Self:
         """Return this record with the worlds and the versions of another one, which does not differ."""
@@ -91,16 +92,31 @@ class Origin:
         for name, world in other.worlds.items():
             known = {key: value for key, value in world.items() if value is not None}
             worlds[name] = {**worlds.get(name, {}), **known}
-        runs = [*self.runs, *(run for run in other.runs if run not in self.runs)]
+        runs = list(self.runs)
+        for run in other.runs:
+            if run not in self.runs:
+                runs.append(run)
         return replace(self, worlds=worlds, runs=tuple(runs))
 
 
+def _read_versions(run: Any) -> dict[str, str]:
+    return {text("run", package): text(package, run[package]) for package in run}
+
+
 def world_difference(there: World, wanted: World) -> str:
-    """Return the first thing in which two records of a world differ, and both values; empty for none."""
-    known = [key for key in _UNKNOWN if there.get(key) is None or wanted.get(key) is None]
-    left_out = {*MAY_DIFFER, *known}
-    before = {key: value for key, value in there.items() if key not in left_out}
-    after = {key: value for key, value in plain(wanted).items() if key not in left_out}
+    """Return the first thing in which two records of a world differ, and both values; empty for none.
+
+    ``there`` is the record of the dataset, ``wanted`` that of the job.
+    """
+    before = dict(there)
+    after = dict(plain(wanted))
+    for key in MAY_DIFFER:
+        before.pop(key, None)
+        after.pop(key, None)
+    for key in _UNKNOWN:
+        if there.get(key) is None or wanted.get(key) is None:
+            before.pop(key, None)
+            after.pop(key, None)
     return next(differences(before, after), "")
 
 
@@ -115,7 +131,10 @@ def digest(values: Any) -> str:
 
 
 def without_defaults(values: Mapping[str, Any], start: str = "") -> dict[str, Any]:
-    """Return plain values without those that a record would have without them."""
+    """Return plain values without those that are the defaults of their options.
+
+    ``start`` is the dotted key of all ``values``, with a dot at its end.
+    """
     kept = {}
     for key, value in values.items():
         name = f"{start}{key}"
@@ -140,17 +159,19 @@ def differences(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str 
         if isinstance(before, Mapping) and isinstance(after, Mapping):
             yield from differences(before, after, f"{name}.")
         elif _are_lists(before, after):
-            for at, (one, other) in enumerate(zip(before, after, strict=True)):
-                if one != other:
-                    yield from differences({f"{key}[{at}]": one}, {f"{key}[{at}]": other}, start)
+            for index, (old, new) in enumerate(zip(before, after, strict=True)):
+                if old != new:
+                    indexed = f"{key}[{index}]"
+                    yield from differences({indexed: old}, {indexed: new}, start)
         elif before != after:
             yield f"{name} is {shown(before)}, in the job {shown(after)}"
 
 
 def _are_lists(before: Any, after: Any) -> bool:
     """Return whether two values are lists of as many mappings or lists, to be compared one by one."""
-    is_nested = isinstance(before, list) and isinstance(after, list) and len(before) == len(after)
-    return is_nested and all(isinstance(value, Mapping | list) for value in [*before, *after])
+    if not (isinstance(before, list) and isinstance(after, list) and len(before) == len(after)):
+        return False
+    return all(isinstance(value, Mapping | list) for value in [*before, *after])
 
 
 def _value(values: Mapping[str, Any], key: str, name: str) -> Any:
@@ -193,13 +214,14 @@ def _plain_default(option: Any) -> Any:
 
 
 _FOUND = ("files", "blank", "watch")
-"""Of a frame's line: what is found while it is made."""
+"""Keys of a frame's line whose values are found while the frame is made."""
 
 
 def frame_difference(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return the first value that two lines of a frame have otherwise, and both; empty if there is none.
+    """Return the first value in which two lines of a frame differ, and both values; empty if there is none.
 
-    Files, and what is found while a frame is made, are no difference; nor is what one line does not know.
+    ``there`` is the line of the dataset, ``wanted`` that of the job. Files, and values that are found while a
+    frame is made, are not compared; nor are values that one of the lines does not have.
     """
     for key in {**wanted, **there}:
         before = there.get(key)

@@ -47,7 +47,10 @@ def write_color(path: Path, frame: Frame) -> Path:
 def reference(frame: Frame, kind: str, out: Path) -> str:
     """Return the name of a layer's picture as seen from a folder, or its URL.
 
-    An array of the store ``fast`` is written as a picture into the folder's ``images``.
+    Args:
+        frame: of a dataset.
+        kind: the name of the layer.
+        out: the folder. An array of the store ``fast`` is written as a picture into its ``images``.
     """
     if not isinstance(frame.files, FrameFiles):
         return relative(frame.files[kind], out)
@@ -62,14 +65,15 @@ def reference(frame: Frame, kind: str, out: Path) -> str:
 
 def without_limit(camera: Camera) -> Camera:
     """Return a calibrated lens without its limit ``fov_deg``, which its mask holds; others as they are."""
-    parameters = camera.to_dict()
+    parameters = dict(camera.to_dict())
     if "fx" not in parameters or "fov_deg" not in parameters:
         return camera
-    return from_dict({key: value for key, value in parameters.items() if key != "fov_deg"})
+    del parameters["fov_deg"]
+    return from_dict(parameters)
 
 
 def write_mask(valid: NDArray[np.bool_], path: Path) -> Path | None:
-    """Write a mask, black where pixels are not valid; return None if all are."""
+    """Write the mask ``valid`` (H, W) to ``path``, black where a pixel is not valid; None if all are."""
     if valid.all():
         return None
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -77,6 +81,9 @@ def write_mask(valid: NDArray[np.bool_], path: Path) -> Path | None:
 
 
 def write_pixels(path: Path, pixels: NDArray[Any]) -> Path:
-    """Write uint8 (H, W) or (H, W, 3), or uint16 (H, W), as the file's suffix has it; return the path."""
+    """Write ``pixels`` as the suffix of ``path`` says, and return the path.
+
+    They are uint8 (H, W) or (H, W, 3), or uint16 (H, W).
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_picture(path, np.ascontiguousarray(pixels), Modality("pixels", (pixels.dtype.name,)))

@@ -14,9 +14,9 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
 
 FAR_M = 1000.0
-"""Coordinates beyond are those of the real world, such as UTM's: float32 has steps of 0.06 mm there."""
+"""Metres. Larger coordinates are those of the real world, as of UTM. float32 has steps of 0.06 mm here."""
 _SAME = 1e-6
-"""Metres, and parts of unit vectors, that a camera may move in its rig."""
+"""How far a camera may move in its rig: metres of its position, and of the unit vectors of its axes."""
 
 
 def by_camera(frames: Sequence[Frame]) -> dict[str, list[Frame]]:
@@ -24,7 +24,10 @@ def by_camera(frames: Sequence[Frame]) -> dict[str, list[Frame]]:
     cameras: dict[str, list[Frame]] = {}
     for frame in sorted(frames, key=lambda frame: frame.key):
         cameras.setdefault(frame.camera_name, []).append(frame)
-    return {name: sorted(frames, key=_time) if timed(frames) else frames for name, frames in cameras.items()}
+    for sequence in cameras.values():
+        if timed(sequence):
+            sequence.sort(key=_time)
+    return cameras
 
 
 def timed(frames: Sequence[Frame]) -> bool:
@@ -41,8 +44,11 @@ def near_origin(frames: Sequence[Frame]) -> tuple[Array, list[Frame]]:
     if not frames or np.abs(positions).max() <= FAR_M:
         return np.zeros(3), list(frames)
     origin = np.round(positions[0], -2) + 0.0
-    poses = [Pose(position - origin, f.pose.rotation) for f, position in zip(frames, positions, strict=True)]
-    return origin, [replace(frame, pose=pose) for frame, pose in zip(frames, poses, strict=True)]
+    moved = []
+    for frame in frames:
+        pose = Pose(frame.pose.position - origin, frame.pose.rotation)
+        moved.append(replace(frame, pose=pose))
+    return origin, moved
 
 
 def trajectory(frames: Sequence[Frame]) -> Trajectory:
@@ -88,15 +94,18 @@ def rigs(frames: Sequence[Frame]) -> list[RigFrames]:
                 wanted = "expected one frame of a camera in a moment"
                 raise ArgumentError(f"{name}: {wanted}, got {moment[name].key} and {frame.key}")
             moment[name] = frame
-    rigs: list[dict[str, RigCamera]] = []
+    mounted: list[dict[str, RigCamera]] = []
     for name, (first, *_) in sequences.items():
-        for rig in rigs:
-            if pose := _relative_pose(next(iter(rig)), name, moments.values()):
-                rig[name] = RigCamera(first.camera, pose)
+        for cameras in mounted:
+            if pose := _relative_pose(next(iter(cameras)), name, moments.values()):
+                cameras[name] = RigCamera(first.camera, pose)
                 break
         else:
-            rigs.append({name: RigCamera(first.camera)})
-    return [RigFrames(Rig(rig), tuple(_posed(rig, moments.values()))) for rig in rigs]
+            mounted.append({name: RigCamera(first.camera)})
+    found = []
+    for cameras in mounted:
+        found.append(RigFrames(Rig(cameras), tuple(_posed(cameras, moments.values()))))
+    return found
 
 
 def _moment(frame: Frame) -> object:
@@ -110,13 +119,18 @@ def _moment(frame: Frame) -> object:
 def _relative_pose(reference: str, name: str, moments: Iterable[Moment]) -> Pose | None:
     """Return the pose of a camera in the frame of another one, the same in all moments with both; None if it
     moves, or no moment has both."""
-    shared = [moment for moment in moments if reference in moment and name in moment]
-    poses = [moment[reference].pose.inverse() @ moment[name].pose for moment in shared]
-    for pose in poses[1:]:
-        moved = np.abs(pose.position - poses[0].position).max()
-        if max(moved, np.abs(pose.rotation - poses[0].rotation).max()) > _SAME:
+    first: Pose | None = None
+    for moment in moments:
+        if reference not in moment or name not in moment:
+            continue
+        pose = moment[reference].pose.inverse() @ moment[name].pose
+        if first is None:
+            first = pose
+        moved = np.abs(pose.position - first.position).max()
+        turned = np.abs(pose.rotation - first.rotation).max()
+        if max(moved, turned) > _SAME:
             return None
-    return poses[0] if poses else None
+    return first
 
 
 def _posed(rig: Mapping[str, RigCamera], moments: Iterable[Moment]) -> Iterable[tuple[Moment, Pose]]:

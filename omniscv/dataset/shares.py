@@ -23,10 +23,11 @@ def samples_of(length: int, rank: Share, worker: Share, batch_size: int | None =
 
     Args:
         length: samples in the epoch.
-        rank, worker: of the process; ``Share()`` for one alone.
+        rank: the share of the process in all ranks; ``Share()`` for one alone.
+        worker: the share of the process in the workers of its rank; ``Share()`` for one alone.
         batch_size: of each worker's batches. Every rank then has the same number of whole batches, divided
-            among its workers, and what is left of the epoch is nobody's. None: every sample is somebody's,
-            and shares differ by at most one sample.
+            among its workers, and the remaining samples of the epoch are not read. None: every sample is
+            read, and shares differ by at most one sample.
     """
     if batch_size is None:
         return Share(rank.index * worker.count + worker.index, rank.count * worker.count).of(length)
@@ -39,11 +40,19 @@ def samples_of(length: int, rank: Share, worker: Share, batch_size: int | None =
 def shuffled(
     shards: Sequence[Sequence[str]], group: int, random: np.random.Generator
 ) -> list[list[tuple[int, str]]]:
-    """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other,
-    of so many shards."""
+    """Return the keys of shards in a random order, (shard, key), in groups.
+
+    Args:
+        shards: the keys of each.
+        group: the number of shards in a group. Groups are read one after the other.
+        random: draws the order of the shards, and the order of the keys in each group.
+    """
     order = random.permutation(len(shards)).tolist()
     groups = []
     for first in range(0, len(order), group):
-        keys = [(shard, key) for shard in order[first : first + group] for key in shards[shard]]
-        groups.append([keys[i] for i in random.permutation(len(keys))])
+        samples = []
+        for shard in order[first : first + group]:
+            for key in shards[shard]:
+                samples.append((shard, key))
+        groups.append([samples[index] for index in random.permutation(len(samples))])
     return groups

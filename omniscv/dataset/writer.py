@@ -110,14 +110,13 @@ class Writer:
         """Return the keys of frames that the dataset does not have whole, and with the same values."""
         if any(file_key(frame.key) in self._written for frame in frames):
             self._settle()
-        self.keep(frame.key for frame in frames)
-        return {frame.key for frame in frames if not self._holds(frame)}
-
-    def _holds(self, frame: Frame) -> bool:
-        written = self._frames.get(frame.key)
-        if written is None:
-            return False
-        return is_same(written, frame)
+        self.keep([frame.key for frame in frames])
+        missing = set()
+        for frame in frames:
+            written = self._frames.get(frame.key)
+            if written is None or not is_same(written, frame):
+                missing.add(frame.key)
+        return missing
 
     def add(
         self,
@@ -135,10 +134,10 @@ class Writer:
             key: start of its file names, unique, without a dot.
             image: its labels become instance ids of the dataset; with classes, it gets a layer ``classes``.
             pose: of its camera, world frame; the image's if not given.
-            split: ``train``, ``val``, ``test``, or another word.
-            time: seconds.
-            place: frames of one place belong in one split.
-            truth: records by name, for ``STEM.truth.json``.
+            split: ``train``, ``val``, ``test``, or another word; empty for a frame of no split.
+            time: seconds; None for a frame without a time.
+            place: frames of one place belong in one split; empty for a frame of no place.
+            truth: records by name, for ``STEM.truth.json``; no such file if not given.
 
         Returns:
             Whether it was written.
@@ -180,13 +179,16 @@ class Writer:
     def with_ids(self, frame: Frame, image: OmniImage) -> tuple[Frame, OmniImage]:
         """Return a frame with the instances and classes of the dataset, and its image with the layers that
         show them: ``labels`` are instance ids of the dataset, ``classes`` the ids of their classes."""
-        names = [] if image.objects is None or image.labels is None else image.objects.names()
+        names: list[str] = []
+        if image.objects is not None and image.labels is not None:
+            names = image.objects.names()
         whole = self._with_names(names)
         frame = replace(frame, instances=whole.names, classes=whole.classes)
         if image.labels is None:
             return frame, image
         id_of = np.zeros(MOST_IDS + 1, np.uint16)
-        id_of[1 : len(names) + 1] = [whole.names[name] for name in names]
+        for label, name in enumerate(names, start=1):
+            id_of[label] = whole.names[name]
         layers = {**image.layers, "labels": id_of[image.labels]}
         if frame.classes is not None:
             layers["classes"] = frame.classes.ids(whole.names)[layers["labels"]]
@@ -196,8 +198,13 @@ class Writer:
         """Write a frame; in a store its files may still be on their way when this returns.
 
         Args:
-            frame, image: as :meth:`with_ids` returns them; the frame is without files.
+            frame: as :meth:`with_ids` returns it, without files.
+            image: as :meth:`with_ids` returns it.
             records: by kind: the content of ``STEM.KIND.json``.
+
+        Raises:
+            ArgumentError: this writer has written a frame of the key before, or files of others have its
+                names, or the colours cannot hold Photo Sphere metadata that ``media`` asks for.
         """
         with self._lock:
             if file_key(frame.key) in self._written:  # as on Windows and macOS
@@ -211,19 +218,11 @@ class Writer:
             folder = stack.enter_context(scratch_folder(parent, SCRATCH))
             files = write_layers(image.layers, folder, frame.key, image.transfer, **self._written_as)
             if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
-                if files["lit"].suffix[1:] not in PICTURE_SUFFIXES:
-                    raise ArgumentError(f"media.xmp: expected colours of 8 bits, got {files['lit'].name}")
-                fields = photo_sphere_fields(frame.camera, frame.pose, self._media["north"])
-                files["lit"].write_bytes(with_photo_sphere(files["lit"].read_bytes(), fields))
+                self._add_photo_sphere(frame, files["lit"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(folder / f"{frame.key}.{kind}.json", record, indent=None)
-            entries = {kind: FileEntry.of(path) for kind, path in sorted(files.items())}
-            line = frame.with_files(self._folder, entries).to_dict()
-            made_of = {"made_of": made} if (made := self.manifest.made_of(frame.world)) else {}
-            path = write_json(folder / f"{frame.key}.json", {**_described(image), **made_of, "frame": line})
-            entries[IMAGE] = FileEntry.of(path)
-            written = frame.with_files(self._folder, entries)
+            written, path = self._write_own_file(frame, image, files, folder)
             put = partial(self._put, stack.pop_all(), written, [*files.values(), path])
         if self._folder.local is not None:
             put()
@@ -231,6 +230,28 @@ class Writer:
         with self._lock:
             self._putting.append(self._pool.submit(put))
         self._settle(_AHEAD)
+
+    def _write_own_file(
+        self, frame: Frame, image: OmniImage, files: Mapping[str, Path], folder: Path
+    ) -> tuple[Frame, Path]:
+        """Write ``KEY.json`` of a frame, which lists its other files; return the frame and the path."""
+        entries = {}
+        for kind, path in sorted(files.items()):
+            entries[kind] = FileEntry.of(path)
+        content = _described(image)
+        if made_of := self.manifest.made_of(frame.world):
+            content["made_of"] = made_of
+        content["frame"] = frame.with_files(self._folder, entries).to_dict()
+        path = write_json(folder / f"{frame.key}.json", content)
+        entries[IMAGE] = FileEntry.of(path)
+        return frame.with_files(self._folder, entries), path
+
+    def _add_photo_sphere(self, frame: Frame, picture: Path) -> None:
+        """Write Photo Sphere metadata into a frame's picture; ArgumentError if its form cannot hold any."""
+        if picture.suffix[1:] not in PICTURE_SUFFIXES:
+            raise ArgumentError(f"media.xmp: expected colours of 8 bits, got {picture.name}")
+        fields = photo_sphere_fields(frame.camera, frame.pose, self._media["north"])
+        picture.write_bytes(with_photo_sphere(picture.read_bytes(), fields))
 
     def _put(self, stack: ExitStack, frame: Frame, paths: Sequence[Path]) -> None:
         """Move the files of a frame into the dataset, its own last, and remove their scratch folder."""
@@ -247,31 +268,39 @@ class Writer:
     def _move(self, frame: Frame, paths: Sequence[Path], local: Path) -> None:
         """Move the files of a frame into a local dataset, in place of those of the same frame that is damaged
         there; ArgumentError for files of others that have their names."""
-        names = [path.name for path in paths]
         with lock(self._folder):
-            there = [name for name in names if (local / name).exists()]
-            if there and frame.key not in self._keys:
+            existing = _existing(paths, local)
+            if existing and frame.key not in self._keys:
                 roll_back(self._folder)  # what a killed writer has left
-                there = [name for name in names if (local / name).exists()]
-            before = frame_of(self._folder, self.manifest, frame.key) if there else None
-            mine = set() if before is None else {entry.path for entry in before.entries.values()}
-            if before is not None and not is_same(before, frame):
-                wanted = "expected a key that no other frame of the dataset has"
-                raise ArgumentError(f"key: {wanted}, got {shown(frame.key)} again, with other values")
-            if strange := sorted({*there} - mine if frame.key not in self._keys else ()):
+                existing = _existing(paths, local)
+            before = frame_of(self._folder, self.manifest, frame.key) if existing else None
+            earlier: set[str] = set()
+            if before is not None:
+                earlier.update(entry.path for entry in before.entries.values())
+                if not is_same(before, frame):
+                    wanted = "expected a key that no other frame of the dataset has"
+                    raise ArgumentError(f"key: {wanted}, got {shown(frame.key)} again, with other values")
+            strange = sorted(existing - earlier)
+            if strange and frame.key not in self._keys:
                 raise in_the_way(self._folder, strange, f"the frame {frame.key}")
             for path in paths:
                 path.replace(local / path.name)
-            for name in mine.difference(names):
+                earlier.discard(path.name)
+            for name in earlier:
                 (local / name).unlink(missing_ok=True)
 
     def _settle(self, ahead: int = 0) -> None:
         """Wait until at most ``ahead`` frames are on their way into a store, then raise what stopped one."""
         while True:
+            running = []
+            finished = []
             with self._lock:
-                running = [future for future in self._putting if not future.done()]
+                for future in self._putting:
+                    if future.done():
+                        finished.append(future)
+                    else:
+                        running.append(future)
                 if len(running) <= ahead:
-                    finished = [future for future in self._putting if future not in running]
                     self._putting = running
                     break
             wait(running, return_when=FIRST_COMPLETED)
@@ -292,8 +321,12 @@ class Writer:
         with self._renewed():
             pass  # cameras and names of other writers are known now
         self._settle()
-        names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
-        self.keep([key for key in names if "." not in key and "/" not in key])
+        keys = []
+        for name in self._folder.names():
+            key = name.removesuffix(".json")
+            if key != name and "." not in key and "/" not in key:
+                keys.append(key)
+        self.keep(keys)
         frames = self.frames(sorted(self._frames))
         with lock(self._folder):
             manifest.write_frames(self._folder, frames)
@@ -350,21 +383,24 @@ class Writer:
             for name, other in known.items():
                 if other == camera:
                     return name
-            names = (f"{camera.name}-{i}" if i else camera.name for i in range(len(known) + 1))
-            name = next(name for name in names if name not in known)
+            name = camera.name
+            number = 0
+            while name in known:
+                number += 1
+                name = f"{camera.name}-{number}"
             self._write_manifest(replace(self.manifest, cameras={**known, name: camera}))
             return name
 
     def _with_names(self, names: list[str]) -> Manifest:
         """Return the manifest with all names; it is written before any file that needs it."""
-        if all(name in self.manifest.names for name in names):
+        if set(names) <= self.manifest.names.keys():
             return self.manifest
         with self._renewed():
             if new := [name for name in names if name not in self.manifest.names]:
                 if self._closed:
                     wanted = "expected the objects that the dataset was begun with"
-                    got = f"{len(new)} others such as {shown(new[0])}"
-                    raise DatasetError(f"names: {wanted}, got {got}")
+                    others = f"{len(new)} others such as {shown(new[0])}"
+                    raise DatasetError(f"names: {wanted}, got {others}")
                 extended = manifest.with_names(self.manifest.names, new)
                 self._write_manifest(replace(self.manifest, names=extended))
             return self.manifest
@@ -386,9 +422,16 @@ class Writer:
 
 
 def is_same(written: Frame, frame: Frame) -> bool:
-    """Return whether a frame of a dataset is one that is to be made: all is the same but its files, and what
-    was found while it was made."""
+    """Return whether ``written``, a frame of a dataset, is the ``frame`` that is to be made.
+
+    Files, and what is found while a frame is made, may differ.
+    """
     return not frame_difference(written.to_dict(), frame.to_dict())
+
+
+def _existing(paths: Sequence[Path], folder: Path) -> set[str]:
+    """Return the names of files that a folder has, too."""
+    return {path.name for path in paths if (folder / path.name).exists()}
 
 
 def _damaged(frame: Frame, deep: bool) -> bool:
@@ -400,4 +443,6 @@ def _damaged(frame: Frame, deep: bool) -> bool:
 
 def _described(image: OmniImage) -> dict[str, Any]:
     """Return an image's description without the source of its captures."""
-    return {key: value for key, value in image.description().items() if key != "source"}
+    description = dict(image.description())
+    description.pop("source", None)
+    return description

@@ -33,8 +33,11 @@ _FROM_TRUTH = {
 
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
-    """Return the entry of ``images`` of a frame; its file's name is relative to a folder."""
-    return {
+    """Return the entry of ``images`` of a ``frame``, with the id ``number``.
+
+    The name of its picture is relative to the folder ``out``.
+    """
+    entry = {
         "id": number,
         "file_name": reference(frame, "lit" if "lit" in frame.files else "labels", out),
         "width": frame.camera.width,
@@ -44,27 +47,38 @@ def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
         "pose": frame.pose.to_dict(),
         "split": frame.split,
         "place": frame.place,
-        **({} if frame.time is None else {"time": frame.time}),
     }
+    if frame.time is not None:
+        entry["time"] = frame.time
+    return entry
 
 
 def category_entries(frames: Sequence[Frame], stuff: bool) -> list[dict[str, Any]]:
-    """Return the entries of ``categories``: the classes, or without classes every object."""
+    """Return the entries of ``categories`` of ``frames``: the classes, or without classes every object.
+
+    Classes of stuff are left out unless ``stuff`` is set.
+    """
     categories: dict[int, SemanticClass] = {}
     for frame in frames:
-        if frame.classes is not None:
-            listed = [*frame.classes.classes.values()]
-        else:
-            listed = [SemanticClass(number, name) for name, number in frame.instances.items()]
-        categories |= {each.id: each for each in listed if stuff or not each.stuff}
-    return [
-        {"id": number, "name": of.name, "supercategory": of.supercategory, "isthing": int(not of.stuff)}
-        for number, of in sorted(categories.items())
-    ]
+        for category in _categories(frame):
+            if stuff or not category.stuff:
+                categories[category.id] = category
+    entries: list[dict[str, Any]] = []
+    for number, category in sorted(categories.items()):
+        entry = {"id": number, "name": category.name, "supercategory": category.supercategory}
+        entries.append({**entry, "isthing": int(not category.stuff)})
+    return entries
+
+
+def _categories(frame: Frame) -> list[SemanticClass]:
+    """Return the classes of a frame; without classes, one for every object."""
+    if frame.classes is not None:
+        return [*frame.classes.classes.values()]
+    return [SemanticClass(number, name) for name, number in frame.instances.items()]
 
 
 def class_of(frame: Frame, object_name: str) -> SemanticClass | None:
-    """Return the category of an object; None without one."""
+    """Return the category of the object ``object_name`` in a ``frame``; None if it has no class."""
     if frame.classes is None:
         return SemanticClass(frame.instances[object_name], object_name)
     return frame.classes.of(object_name)
@@ -81,7 +95,9 @@ def object_entries(frame: Frame, split: bool) -> Iterator[dict[str, Any]]:
             continue
         instance = box["instance_id"]
         shared: dict[str, Any] = {"category_id": category.id, "iscrowd": 0, "instance_id": instance}
-        shared |= {key: box[key] for key in ("name", "bbox_wrap", "crosses_seam") if key in box}
+        for key in ("name", "bbox_wrap", "crosses_seam"):
+            if key in box:
+                shared[key] = box[key]
         shared |= from_truth.get(instance, {})
         for mask in _parts_of(labels == instance, box, split):
             yield {**_mask_fields(mask), **shared}
@@ -92,15 +108,18 @@ def _parts_of(mask: NDArray[np.bool_], record: Mapping[str, Any], split: bool) -
     x, _, width, _ = record.get("bbox_wrap", record["bbox"])
     if not split or x + width <= mask.shape[1]:
         return [mask]
-    right, left = mask.copy(), mask.copy()
+    right = mask.copy()
     right[:, :x] = False
+    left = mask.copy()
     left[:, x:] = False
     return [right, left]
 
 
 def _mask_fields(mask: NDArray[np.bool_]) -> dict[str, Any]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    x, y = int(columns[0]), int(rows[0])
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    x = int(columns[0])
+    y = int(rows[0])
     box = [x, y, int(columns[-1]) + 1 - x, int(rows[-1]) + 1 - y]
     return {"bbox": box, "area": int(np.count_nonzero(mask)), "segmentation": run_lengths(mask)}
 
@@ -109,14 +128,16 @@ def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:
     """Return fields of annotations from a frame's truth, by instance id."""
     fields: dict[int, dict[str, Any]] = {}
     for truth, names in _FROM_TRUTH.items():
-        for of_object in frame.truth.get(truth, ()):
-            instance = fields.setdefault(of_object["instance_id"], {})
-            instance |= {new: of_object[old] for old, new in names.items() if of_object.get(old) is not None}
+        for values in frame.truth.get(truth, ()):
+            annotation = fields.setdefault(values["instance_id"], {})
+            for name, name_in_coco in names.items():
+                if values.get(name) is not None:
+                    annotation[name_in_coco] = values[name]
     return fields
 
 
 def write_compact(path: Path, data: Mapping[str, Any]) -> Path:
-    """Write JSON without spaces, as masks are long; return the path."""
+    """Write ``data`` to ``path`` as JSON without spaces, since masks are long; return the path."""
     return write_text(path, json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n")
 
 
@@ -144,6 +165,10 @@ class Coco(Format):
     options = CocoOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: CocoOptions) -> list[Path]:
+        """Write ``annotations.json`` of all ``frames``, and of each split, into ``out``.
+
+        ``options`` say whether annotations are cut at the seam, and whether panoptic files are written.
+        """
         ordered = sorted(frames, key=lambda frame: frame.key)
         images = []
         annotations = list[dict[str, Any]]()
@@ -159,7 +184,9 @@ class Coco(Format):
             of_images = [entry for entry in annotations if entry["image_id"] in ids]
             data = {**content, "images": of_split, "annotations": of_images}
             written.append(write_compact(out / f"annotations_{split}.json", data))
-        return written + (_panoptic(ordered, images, out) if options.panoptic else [])
+        if options.panoptic:
+            written += _panoptic(ordered, images, out)
+        return written
 
 
 def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:

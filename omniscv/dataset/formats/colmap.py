@@ -54,38 +54,62 @@ class Colmap(Format):
         return colmap.refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: ColmapOptions) -> list[Path]:
+        """Write pictures, masks and the model of ``frames`` into ``out``, with points if ``options`` ask.
+
+        ArgumentError: the name of an image has a space.
+        """
         images = out / "images"
-        (origin, frames) = near_origin(frames)
-        pictures = {frame.key: copy_lit(frame, images / frame.camera_name) for frame in frames}
+        origin, frames = near_origin(frames)
+        pictures = {}
+        for frame in frames:
+            pictures[frame.key] = copy_lit(frame, images / frame.camera_name)
         model = _Model(rigs(frames))
-        paths = [pictures[frame.key] for frame in model.images]
-        names = [path.relative_to(images).as_posix() for path in paths]
-        if spaced := [name for name in names if " " in name]:
-            wanted = "expected names of images without spaces, for COLMAP"
-            raise ArgumentError(f"{wanted}, got {spaced[0]!r}")
-        masks = [
-            write_mask(camera.valid(), out / "masks" / f"{name}.png")
-            for name, camera in model.cameras.items()
-        ]
-        masks += [
-            write_mask(frame.valid, out / "masks" / f"{name}.png")
-            for frame, name in zip(model.images, names, strict=True)
-            if "unseen" in frame.files
-        ]
+        paths = []
+        names = []
+        for frame in model.images:
+            path = pictures[frame.key]
+            name = path.relative_to(images).as_posix()
+            if " " in name:
+                wanted = "expected names of images without spaces, for COLMAP"
+                raise ArgumentError(f"{wanted}, got {name!r}")
+            paths.append(path)
+            names.append(name)
+        paths += _write_masks(model, names, out / "masks")
         points = None
         if options.points is not None:
-            ids = model.image_ids
-            limit = options.max_relative_error
-            clouds = (_observed(frame, ids[frame.key], limit) for frame in frames)
-            points = _Observations(merged(clouds, options.points), len(model.images))
-        paths += [mask for mask in masks if mask is not None]
-        for name, of_file in model.lines(names, points).items():
-            text = "".join(f"{line}\n" for line in of_file)
-            paths.append(write_text(out / "sparse" / "0" / f"{name}.txt", text))
+            points = _observations(frames, model, options.points, options.max_relative_error)
+        sparse = out / "sparse" / "0"
+        for name, lines in model.lines(names, points).items():
+            text = "".join(f"{line}\n" for line in lines)
+            paths.append(write_text(sparse / f"{name}.txt", text))
         if origin.any():
             text = "{:.0f} {:.0f} {:.0f}\n".format(*origin)
-            paths.append(write_text(out / "sparse" / "0" / "origin.txt", text))
+            paths.append(write_text(sparse / "origin.txt", text))
         return paths
+
+
+def _write_masks(model: "_Model", names: Sequence[str], folder: Path) -> list[Path]:
+    """Write the masks of cameras, and of images with pixels that no recorded view shows; ``names`` are those
+    of the images in the model."""
+    masks = []
+    for name, camera in model.cameras.items():
+        masks.append(write_mask(camera.valid(), folder / f"{name}.png"))
+    for frame, name in zip(model.images, names, strict=True):
+        if "unseen" in frame.files:
+            masks.append(write_mask(frame.valid, folder / f"{name}.png"))
+    return [mask for mask in masks if mask is not None]
+
+
+def _observations(
+    frames: Iterable[Frame], model: "_Model", edge_m: float, max_relative: float | None
+) -> "_Observations":
+    """Return the points of frames, one in each cube of an edge, and which image observes each."""
+
+    def clouds() -> Iterator[Points]:
+        for frame in frames:
+            yield _observed(frame, model.image_ids[frame.key], max_relative)
+
+    return _Observations(merged(clouds(), edge_m), len(model.images))
 
 
 class _Observations:
@@ -112,10 +136,14 @@ class _Observations:
         image = self.points.values["image"]
         index_in_image = np.empty(len(points), np.int64)
         index_in_image[self._order] = np.arange(len(points)) - self._starts[image[self._order]]
-        columns = points.positions_w, points.values["lit"], image, index_in_image
-        rows = zip(*(column.tolist() for column in columns), strict=True)
-        for point_id, ((x, y, z), (r, g, b), image_id, index) in enumerate(rows, start=1):
-            yield f"{point_id} {x} {y} {z} {r} {g} {b} 0 {image_id} {index}"
+        positions = points.positions_w.tolist()
+        colors = points.values["lit"].tolist()
+        image_ids = image.tolist()
+        indices = index_in_image.tolist()
+        for row in range(len(points)):
+            x, y, z = positions[row]
+            red, green, blue = colors[row]
+            yield f"{row + 1} {x} {y} {z} {red} {green} {blue} 0 {image_ids[row]} {indices[row]}"
 
 
 def _observed(frame: Frame, image_id: int, max_relative: float | None) -> Points:
@@ -130,32 +158,51 @@ def _observed(frame: Frame, image_id: int, max_relative: float | None) -> Points
 
 
 class _Model:
-    """Rigs with their frames, as COLMAP numbers them.
+    """Rigs with their frames, as COLMAP numbers them: from 1.
 
     Attributes:
-        cameras, camera_ids: by name, in the order of their ids.
+        rigs: in the order of their ids.
+        cameras: by name, in the order of their ids.
+        camera_ids: by name.
         images: the frames in the order of their ids.
         image_ids: by key.
     """
 
     def __init__(self, rigs: Sequence[RigFrames]) -> None:
         self.rigs = rigs
-        self.cameras = {name: mounted.camera for rig in rigs for name, mounted in rig.rig.cameras.items()}
-        self.camera_ids = {name: i for i, name in enumerate(self.cameras, start=1)}
-        self.images = [frame for rig in rigs for moment, _ in rig.moments for frame in moment.values()]
-        self.image_ids = {frame.key: i for i, frame in enumerate(self.images, start=1)}
+        self.cameras: dict[str, Camera] = {}
+        self.camera_ids: dict[str, int] = {}
+        self.images: list[Frame] = []
+        self.image_ids: dict[str, int] = {}
+        for rig in rigs:
+            for name, mounted in rig.rig.cameras.items():
+                self.cameras[name] = mounted.camera
+                self.camera_ids[name] = len(self.cameras)
+            for moment, _ in rig.moments:
+                for frame in moment.values():
+                    self.images.append(frame)
+                    self.image_ids[frame.key] = len(self.images)
 
     def lines(self, names: Sequence[str], points: _Observations | None) -> dict[str, Iterable[str]]:
-        """Return the lines of all files by their names, with the names of the images and their points."""
+        """Return the lines of all files by their names.
+
+        ``names`` are those of the pictures of the images, ``points`` those of the model; None without points.
+        """
         ids = self.camera_ids
-        cameras = {str(ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
+        cameras = {}
+        for name, camera in self.cameras.items():
+            cameras[str(ids[name])] = without_limit(camera)
         frames = list[str]()
         rigs = list[str]()
         for rig_id, rig in enumerate(self.rigs, start=1):
-            mounts = {ids[name]: mounted.pose for name, mounted in rig.rig.cameras.items()}
+            mounts = {}
+            for name, mounted in rig.rig.cameras.items():
+                mounts[ids[name]] = mounted.pose
             rigs.append(colmap.rig_line(rig_id, mounts))
             for views, pose in rig.moments:
-                images = {ids[name]: self.image_ids[view.key] for name, view in views.items()}
+                images = {}
+                for name, view in views.items():
+                    images[ids[name]] = self.image_ids[view.key]
                 frames.append(colmap.frame_line(len(frames) + 1, rig_id, pose, images))
         return {
             "cameras": colmap.write_colmap(cameras).splitlines(),
@@ -169,6 +216,10 @@ class _Model:
         """Yield the lines of ``images.txt``: two for each image, the second one with its points."""
         for image_id, (view, name) in enumerate(zip(self.images, names, strict=True), start=1):
             yield f"{image_id} {colmap.pose_words(view.pose)} {self.camera_ids[view.camera_name]} {name}"
-            indices = points.of_image(image_id).tolist() if points else []
-            pixels = points.points.values["pixel"][indices].tolist() if points else []
-            yield " ".join(f"{u} {v} {1 + index}" for (u, v), index in zip(pixels, indices, strict=True))
+            observed = []
+            if points:
+                indices = points.of_image(image_id)
+                pixels = points.points.values["pixel"][indices]
+                for (u, v), index in zip(pixels.tolist(), indices.tolist(), strict=True):
+                    observed.append(f"{u} {v} {1 + index}")
+            yield " ".join(observed)

@@ -54,7 +54,10 @@ class FlowFiles(Format):
     options = FlowOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: FlowOptions) -> list[Path]:
-        """Write the flow of frames with depth; ArgumentError for flow that does not fit KITTI's PNG."""
+        """Write the flow of ``frames`` with depth into ``out/flow``, in the forms that ``options`` name.
+
+        ArgumentError: flow that does not fit KITTI's PNG.
+        """
         folder = out / "flow"
         written: list[Path] = []
         targets = {}
@@ -80,7 +83,14 @@ def _flows(frames: Sequence[Frame], options: FlowOptions) -> Iterator[tuple[str,
 
 
 def between(first: Frame, second: Frame, rays: Rays, options: FlowOptions) -> Flow:
-    """Return the flow from a frame to another one; ``rays`` are those of the first one's camera."""
+    """Return the flow from a frame to another one.
+
+    Args:
+        first: in whose pixels the flow is.
+        second: to which it leads.
+        rays: of the pixels of the first frame's camera.
+        options: of the format; ``wrap`` and ``tolerance`` are used.
+    """
     labels = first.layer("labels") if "labels" in first.files else None
     return flow(
         _sure_depth(first),
@@ -110,14 +120,20 @@ def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
     at_once = not (readout_of(first.camera) or readout_of(second.camera))
     motions: dict[int, Pose | None] = {}
     for name in sorted((before.keys() | after.keys()) & first.instances.keys()):
-        known = name in before and name in after
-        known = known and (at_once or before[name].to_dict() == after[name].to_dict())
-        motions[first.instances[name]] = motion(before[name], after[name]) if known else None
+        instance = first.instances[name]
+        motions[instance] = None
+        if name in before and name in after:
+            is_still = before[name].to_dict() == after[name].to_dict()
+            if at_once or is_still:
+                motions[instance] = motion(before[name], after[name])
     return motions
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:
-    return {name: Pose.from_dict(pose) for name, pose in frame.truth.get("poses", {}).items()}
+    poses = {}
+    for name, pose in frame.truth.get("poses", {}).items():
+        poses[name] = Pose.from_dict(pose)
+    return poses
 
 
 def _write_one(folder: Path, stem: str, flow: Flow, options: FlowOptions) -> Iterator[Path]:

@@ -36,8 +36,11 @@ class HorizonNet(Format):
         return layout_labels.refuses(camera)
 
     def write(self, frames: Sequence[Frame], out: Path, options: HorizonNetOptions) -> list[Path]:
-        """Write frames; ArgumentError for a camera that is not upright or not in the room, or a room that is
-        no prism, before anything is written."""
+        """Write a panorama and the corners of each of ``frames`` into ``out``, as ``options`` name the form.
+
+        ArgumentError, before anything is written: a camera that is not upright, or not in the room, or a room
+        that is no prism.
+        """
         texts = {}
         for frame in frames:
             with within(frame.key):

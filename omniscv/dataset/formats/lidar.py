@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import flag
 from omniscv.cameras import Camera
@@ -60,40 +61,59 @@ class KittiLidar(Format):
         return None if lidar_of(camera) else f"expected a lidar, got {camera.name}"
 
     def check_options(self, options: LidarOptions, cameras: Mapping[str, Camera]) -> None:
-        """Refuse several sensors: their files would have the same names."""
+        """Raise ArgumentError for several ``cameras``: files would have one name. ``options`` do not matter."""
         if len(cameras) > 1:
-            got = f"got {', '.join(cameras)}; export each into its own 'out'"
-            raise ArgumentError(f"expected one lidar, {got}")
+            advice = "export each into its own 'out'"
+            raise ArgumentError(f"expected one lidar, got {', '.join(cameras)}; {advice}")
 
     def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
+        """Write the scans of ``frames``, their poses, times and axes into ``out``.
+
+        ``options`` say which returns are points, and whether they have an intensity.
+        """
         written: list[Path] = []
-        for mine in by_camera(frames).values():
-            for i, frame in enumerate(mine):
+        for scans in by_camera(frames).values():
+            for number, frame in enumerate(scans):
                 points = sweep(frame, options.max_relative_error, options.intensity)
-                points = points[np.isfinite(points["x"])]
-                values = np.zeros((len(points), 4), "<f4")
-                for column, name in enumerate(("x", "y", "z", "intensity")):
-                    values[:, column] = points[name] if name in points.dtype.fields else 0
-                of_scan = {"velodyne": values, "seconds": points["time"].astype("<f4")}
-                if "label" in points.dtype.fields:
-                    classes = points["class"] if "class" in points.dtype.fields else 0
-                    labels = (points["label"].astype("<u4") << 16) | classes
-                    of_scan["labels"] = labels.astype("<u4")
-                if "doubt" in points.dtype.fields:
-                    of_scan["doubt"] = points["doubt"]
-                for name, array in of_scan.items():
-                    suffix = "label" if name == "labels" else "bin"
-                    written.append(write_bytes(out / name / f"{i:06d}.{suffix}", array.tobytes()))
-            axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
-            rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
-            numbers = {name: " ".join(f"{value:.12e}" for value in row.ravel()) for name, row in rows.items()}
-            poses = trajectory(mine)
-            calib = "".join(f"{name}: {row}\n" for name, row in numbers.items())
-            contents = {"poses": write_kitti(poses), "calib": calib}
-            if timed(mine):
-                contents["times"] = write_kitti_times(poses)
-            written += [write_text(out / f"{name}.txt", text) for name, text in contents.items()]
+                written += _write_scan(points[np.isfinite(points["x"])], out, f"{number:06d}")
+            poses = trajectory(scans)
+            written.append(write_text(out / "poses.txt", write_kitti(poses)))
+            written.append(write_text(out / "calib.txt", _calibration()))
+            if timed(scans):
+                written.append(write_text(out / "times.txt", write_kitti_times(poses)))
         return written
+
+
+def _write_scan(points: NDArray[np.void], out: Path, stem: str) -> list[Path]:
+    """Write the files of a scan's points, in the axes of the sensor, each into its own folder."""
+    fields = points.dtype.names or ()
+    values = np.zeros((len(points), 4), "<f4")
+    for column, name in enumerate(("x", "y", "z", "intensity")):
+        if name in fields:
+            values[:, column] = points[name]
+    seconds = points["time"].astype("<f4")
+    written = [
+        write_bytes(out / "velodyne" / f"{stem}.bin", values.tobytes()),
+        write_bytes(out / "seconds" / f"{stem}.bin", seconds.tobytes()),
+    ]
+    if "label" in fields:
+        classes = points["class"] if "class" in fields else 0
+        labels = ((points["label"].astype("<u4") << 16) | classes).astype("<u4")
+        written.append(write_bytes(out / "labels" / f"{stem}.label", labels.tobytes()))
+    if "doubt" in fields:
+        written.append(write_bytes(out / "doubt" / f"{stem}.bin", points["doubt"].tobytes()))
+    return written
+
+
+def _calibration() -> str:
+    """Return ``calib.txt``: placeholders for the cameras P0 to P3, and Tr from sensor to camera axes."""
+    matrices = {f"P{number}": np.eye(3, 4) for number in range(4)}
+    matrices["Tr"] = np.column_stack([R_LEVEL.T, np.zeros(3)])
+    lines = []
+    for name, matrix in matrices.items():
+        numbers = " ".join(f"{value:.12e}" for value in matrix.ravel())
+        lines.append(f"{name}: {numbers}\n")
+    return "".join(lines)
 
 
 @register
@@ -105,28 +125,39 @@ class Pcd(Format):
     options = LidarOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
+        """Write a cloud of each of ``frames`` into ``out``.
+
+        ``options`` say which returns are points, and whether they have an intensity.
+        """
         written = []
-        (origin, frames) = near_origin(frames)
+        origin, frames = near_origin(frames)
         comment = "# origin {:.0f} {:.0f} {:.0f}\n".format(*origin) if origin.any() else ""
         for frame in frames:
             points = sweep(frame, options.max_relative_error, options.intensity)
-            height, width = points.shape
-            x, y, z, w = Pose(frame.pose.position, frame.pose.rotation @ R_LEVEL.T).quaternion()
-            names = points.dtype.names or ()
-            types = [points.dtype[name] for name in names]
-            header: dict[str, Sequence[Any]] = {
-                "VERSION": [0.7],
-                "FIELDS": names,
-                "SIZE": [type.itemsize for type in types],
-                "TYPE": [type.kind.upper() for type in types],
-                "COUNT": [1] * len(types),
-                "WIDTH": [width],
-                "HEIGHT": [height],
-                "VIEWPOINT": [*frame.pose.position.tolist(), w, x, y, z],
-                "POINTS": [width * height],
-                "DATA": ["binary"],
-            }
-            text = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in header.items())
-            content = (comment + text).encode() + points.tobytes()
+            content = (comment + _header(points, frame.pose)).encode() + points.tobytes()
             written.append(write_bytes(out / f"{frame.key}.pcd", content))
         return written
+
+
+def _header(points: NDArray[np.void], pose: Pose) -> str:
+    """Return the header of a PCD file of points (H, W), of a sensor whose camera has a pose."""
+    height, width = points.shape
+    x, y, z, w = Pose(pose.position, pose.rotation @ R_LEVEL.T).quaternion()
+    names = points.dtype.names or ()
+    types = [points.dtype[name] for name in names]
+    header: dict[str, Sequence[Any]] = {
+        "VERSION": [0.7],
+        "FIELDS": names,
+        "SIZE": [type.itemsize for type in types],
+        "TYPE": [type.kind.upper() for type in types],
+        "COUNT": [1] * len(types),
+        "WIDTH": [width],
+        "HEIGHT": [height],
+        "VIEWPOINT": [*pose.position.tolist(), w, x, y, z],
+        "POINTS": [width * height],
+        "DATA": ["binary"],
+    }
+    lines = []
+    for name, values in header.items():
+        lines.append(f"{name} {' '.join(map(str, values))}\n")
+    return "".join(lines)

@@ -10,7 +10,7 @@ Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none and where
 are black outside the field of view, and where no recorded view shows a pixel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,23 +48,29 @@ class Nerfstudio(Format):
         return None
 
     def write(self, frames: Sequence[Frame], out: Path, options: PointOptions) -> list[Path]:
+        """Write ``frames`` into ``out``, or of several cameras into a folder there for each.
+
+        ``options`` say from which error on depth is left out.
+        """
         origin, frames = near_origin(frames)
         cameras = by_camera(frames)
-        more = dict[str, Any]()
+        transform: dict[str, Any] = {}
         if origin.any():
-            more["applied_transform"] = np.column_stack([np.eye(3), -origin]).tolist()
+            transform["applied_transform"] = np.column_stack([np.eye(3), -origin]).tolist()
         written = []
-        for camera_name, mine in cameras.items():
+        for camera_name, sequence in cameras.items():
             folder = out if len(cameras) == 1 else out / camera_name
-            mine = sorted(mine, key=lambda frame: frame.key)
-            written += _write_camera(mine, folder, camera_name, options.max_relative_error, more)
+            ordered = sorted(sequence, key=lambda frame: frame.key)
+            content = {**intrinsics(ordered[0].camera), "orientation_override": "none", **transform}
+            written += _write_camera(ordered, folder, options.max_relative_error, content)
         return written
 
 
 def intrinsics(camera: Camera) -> dict[str, Any]:
     """Return the fields of ``transforms.json`` of a camera; ArgumentError if nerfstudio has no such."""
-    values = NERFSTUDIO.values_of(without_limit(camera))
-    return {key: value for key, value in values.items() if key != "frames"}
+    values = dict(NERFSTUDIO.values_of(without_limit(camera)))
+    values.pop("frames", None)
+    return values
 
 
 def opengl(pose: Pose) -> list[list[float]]:
@@ -72,38 +78,57 @@ def opengl(pose: Pose) -> list[list[float]]:
     matrix = np.eye(4)
     matrix[:3, :3] = pose.rotation @ _GL_FROM_CV
     matrix[:3, 3] = pose.position
-    return [[value + 0.0 for value in row] for row in matrix.tolist()]
+    matrix += 0.0  # -0.0 becomes 0.0
+    values: list[list[float]] = matrix.tolist()
+    return values
 
 
 def _write_camera(
-    frames: Sequence[Frame], folder: Path, camera_name: str, max_relative: float | None, more: dict[str, Any]
+    frames: Sequence[Frame], folder: Path, max_relative: float | None, content: Mapping[str, Any]
 ) -> list[Path]:
-    camera = frames[0].camera
+    """Write the files of one camera.
+
+    Args:
+        frames: of the camera, at least one, in the order of the file.
+        folder: into which they are written.
+        max_relative: error of depth, as a part of it, from which on it is left out; None for no limit.
+        content: of ``transforms.json``, but for frames and splits.
+    """
+    camera_mask = write_mask(frames[0].camera.valid(), folder / "masks" / f"{frames[0].camera_name}.png")
+    written = [] if camera_mask is None else [camera_mask]
     with_depth = all("depth" in frame.files for frame in frames)
-    of_camera = write_mask(camera.valid(), folder / "masks" / f"{camera_name}.png")
-    written = [] if of_camera is None else [of_camera]
     entries = []
+    splits: dict[str, list[str]] = {split: [] for split in _SPLITS}
     for frame in frames:
         paths = {"file_path": copy_lit(frame, folder / "images")}
         if with_depth:
-            metres = frame.layer("depth")
-            if max_relative is not None:
-                metres = np.where(inexact(frame, max_relative), np.float32(0), metres)
-            depth, _ = encode(metres, camera, PRESETS["mm"])
-            paths["depth_file_path"] = write_pixels(folder / "depth" / f"{frame.key}.png", depth)
-        mask = of_camera
+            paths["depth_file_path"] = _write_depth(frame, folder, max_relative)
+        mask = camera_mask
         if "unseen" in frame.files:
             mask = write_mask(frame.valid, folder / "masks" / f"{frame.key}.png")
-            written += [] if mask is None else [mask]
+            if mask is not None:
+                written.append(mask)
         written += paths.values()
         if mask is not None:
             paths["mask_path"] = mask
-        names = {key: path.relative_to(folder).as_posix() for key, path in paths.items()}
-        entries.append({**names, "transform_matrix": opengl(frame.pose)})
-    content: dict[str, Any] = {**intrinsics(camera), "orientation_override": "none", **more}
-    if any(frame.split in _SPLITS for frame in frames):  # nerfstudio needs all three lists if there is one
-        files = [(frame.split, entry["file_path"]) for frame, entry in zip(frames, entries, strict=True)]
-        for split in _SPLITS:
-            content[f"{split}_filenames"] = [file for mine, file in files if mine == split]
+        entry: dict[str, Any] = {}
+        for key, path in paths.items():
+            entry[key] = path.relative_to(folder).as_posix()
+        if frame.split in splits:
+            splits[frame.split].append(entry["file_path"])
+        entries.append({**entry, "transform_matrix": opengl(frame.pose)})
+    content = dict(content)
+    if any(splits.values()):  # nerfstudio needs all three lists if there is one
+        for split, names in splits.items():
+            content[f"{split}_filenames"] = names
     distinct = dict.fromkeys(written)  # a camera's only frame has its name, and the mask of both is one file
     return [*distinct, write_json(folder / "transforms.json", {**content, "frames": entries})]
+
+
+def _write_depth(frame: Frame, folder: Path, max_relative: float | None) -> Path:
+    """Write the depth of a frame in millimetres, 0 where it is inexact, and return the path."""
+    metres = frame.layer("depth")
+    if max_relative is not None:
+        metres = np.where(inexact(frame, max_relative), np.float32(0), metres)
+    depth, _ = encode(metres, frame.camera, PRESETS["mm"])
+    return write_pixels(folder / "depth" / f"{frame.key}.png", depth)

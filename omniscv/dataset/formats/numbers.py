@@ -65,7 +65,7 @@ PRESETS = {
 
 
 def encode(depth: NDArray[np.float32], camera: Camera, preset: Preset) -> tuple[NDArray[Any], dict[str, int]]:
-    """Return depth (H, W), metres along the rays, as a preset's numbers, and how many became none, by reason.
+    """Return ``depth`` (H, W), metres along the rays of a ``camera``, as the numbers of a ``preset``.
 
     Half a step is rounded to even. Nothing is clamped: a depth that the numbers cannot hold becomes none.
 
@@ -81,11 +81,15 @@ def encode(depth: NDArray[np.float32], camera: Camera, preset: Preset) -> tuple[
     codes = np.where(fits, codes, preset.none).astype(np.uint32)
     infinite = np.isposinf(depth)
     outside = depth == 0
-    masks = {"beyond": ~fits & ~infinite & ~outside, "infinite": infinite, "outside": outside}
+    counts = {
+        "beyond": int(np.count_nonzero(~fits & ~infinite & ~outside)),
+        "infinite": int(np.count_nonzero(infinite)),
+        "outside": int(np.count_nonzero(outside)),
+    }
     pixels = codes.astype(np.uint16)
     if preset.bits == 24:
-        pixels = np.stack([codes >> shift & 255 for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
-    return pixels, {reason: int(np.count_nonzero(mask)) for reason, mask in masks.items()}
+        pixels = np.stack([codes & 255, codes >> 8 & 255, codes >> 16 & 255], axis=-1).astype(np.uint8)
+    return pixels, counts
 
 
 @lru_cache(maxsize=4)
@@ -118,9 +122,11 @@ class DepthPng(Format):
     options = DepthPngOptions
 
     def check_options(self, options: DepthPngOptions, cameras: Mapping[str, Camera]) -> None:
+        """Raise ArgumentError if ``options`` name planar depth, and one of ``cameras`` has none."""
         options.kinds(cameras)
 
     def write(self, frames: Sequence[Frame], out: Path, options: DepthPngOptions) -> list[Path]:
+        """Write the depth of each of ``frames`` into ``out/depth``, with the scale of ``options``."""
         kinds = options.kinds({frame.camera_name: frame.camera for frame in frames})
         preset = PRESETS[options.scale]
 
@@ -130,7 +136,10 @@ class DepthPng(Format):
 
         folder = out / "depth"
         folder.mkdir(parents=True, exist_ok=True)
-        written = side_by_side(write, frames)
-        replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
+        paths = []
+        replaced = {}
+        for frame, (path, counts) in zip(frames, side_by_side(write, frames), strict=True):
+            paths.append(path)
+            replaced[frame.key] = counts
         content = {"scale": options.scale, **asdict(preset), "kind": kinds, "replaced": replaced}
-        return [*(path for path, _ in written), write_json(folder / "depth.json", content)]
+        return [*paths, write_json(folder / "depth.json", content)]

@@ -21,11 +21,17 @@ def outline(mask: NDArray[np.uint8]) -> Points:
     largest = 1 + parts[1:, cv2.CC_STAT_AREA].argmax()
     part = (part_of == largest).astype(np.uint8)
     contours, [tree] = cv2.findContours(part, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    (outer,) = (line[:, 0] for line, (*_, parent) in zip(contours, tree, strict=True) if parent < 0)
-    holes = [line[:, 0] for line, (*_, parent) in zip(contours, tree, strict=True) if parent >= 0]
-    starting_left = [np.roll(hole, -int(hole[:, 0].argmin()), axis=0) for hole in holes]
-    starting_left.sort(key=lambda hole: int(hole[0, 0]))
-    return _cut_open([outer, *starting_left])
+    outer = np.empty((0, 2), np.int32)
+    holes = []
+    for contour, (*_, parent) in zip(contours, tree, strict=True):
+        line = contour[:, 0]
+        if parent < 0:
+            outer = line
+        else:
+            leftmost = int(line[:, 0].argmin())
+            holes.append(np.roll(line, -leftmost, axis=0))
+    holes.sort(key=lambda hole: int(hole[0, 0]))
+    return _cut_open([outer, *holes])
 
 
 def _cut_open(lines: Sequence[Points]) -> Points:

@@ -58,6 +58,7 @@ class Ply(Format):
     options = PlyOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: PlyOptions) -> list[Path]:
+        """Write the clouds of ``frames`` into ``out``: of each, of all, or both, as ``options`` say."""
         written: list[Path] = []
         comments = _comments(frames)
 
@@ -81,18 +82,29 @@ class Ply(Format):
 
 
 def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
-    """Write points as a file, whole or not at all, and return its path."""
-    far = len(cloud) and np.abs(cloud.positions_w).max() > FAR_M
-    types = ("<f8", "double") if far else ("<f4", "float")
-    columns: list[tuple[str, str, str, NDArray[Any]]] = [
-        (axis, *types, values) for axis, values in zip("xyz", cloud.positions_w.T, strict=True)
-    ]
+    """Write a ``cloud`` to ``path``, whole or not at all, and return the path.
+
+    ``comments`` are lines of the header.
+    """
+    is_far = len(cloud) and np.abs(cloud.positions_w).max() > FAR_M
+    dtype, written_type = ("<f8", "double") if is_far else ("<f4", "float")
+    dtypes: list[tuple[str, str]] = []
+    properties = []
+    columns: list[NDArray[Any]] = []
+
+    def add(names: Sequence[str], dtype: str, written_type: str, values: NDArray[Any]) -> None:
+        """Add ``values`` (N, len(names)): of ``dtype`` in memory, of ``written_type`` in the header."""
+        for index, name in enumerate(names):
+            dtypes.append((name, dtype))
+            properties.append(f"property {written_type} {name}")
+            columns.append(values[:, index])
+
+    add("xyz", dtype, written_type, cloud.positions_w)
     for layer, (names, dtype, written_type) in _COLUMNS.items():
         if layer in cloud.values:
-            values = cloud.values[layer].reshape(len(cloud), len(names)).T
-            columns += [(name, dtype, written_type, of) for name, of in zip(names, values, strict=True)]
-    rows = np.empty(len(cloud), [(name, dtype) for name, dtype, _, _ in columns])
-    for name, _, _, column in columns:
+            add(names, dtype, written_type, cloud.values[layer].reshape(len(cloud), len(names)))
+    rows = np.empty(len(cloud), dtypes)
+    for (name, _), column in zip(dtypes, columns, strict=True):
         rows[name] = column
     header = [
         "ply",
@@ -100,18 +112,25 @@ def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
         "comment metres; world frame: X forward, Y left, Z up",
         *(f"comment {comment}" for comment in comments),
         f"element vertex {len(cloud)}",
-        *(f"property {written_type} {name}" for name, _, written_type, _ in columns),
+        *properties,
         "end_header",
     ]
     return write_bytes(path, "".join(f"{line}\n" for line in header).encode() + rows.tobytes())
 
 
 def _comments(frames: Sequence[Frame]) -> list[str]:
-    """The names of labels and classes."""
-    labels = {instance: name for frame in frames for name, instance in frame.instances.items()}
-    tables = [frame.classes for frame in frames if frame.classes is not None]
-    classes = {of_object.id: of_object.name for table in tables for of_object in table.classes.values()}
-    named = [("label", labels), ("class", classes)]
-    return [
-        f"{word} {number} {printable(names[number])}" for word, names in named for number in sorted(names)
-    ]
+    """Return a line for each label and each class, with its name."""
+    labels: dict[int, str] = {}
+    classes: dict[int, str] = {}
+    for frame in frames:
+        for name, instance in frame.instances.items():
+            labels[instance] = name
+        if frame.classes is not None:
+            for category in frame.classes.classes.values():
+                classes[category.id] = category.name
+    lines = []
+    for label, name in sorted(labels.items()):
+        lines.append(f"label {label} {printable(name)}")
+    for class_id, name in sorted(classes.items()):
+        lines.append(f"class {class_id} {printable(name)}")
+    return lines

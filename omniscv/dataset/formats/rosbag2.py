@@ -51,19 +51,24 @@ class Rosbag2(Format):
     options = BagOptions
 
     def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
+        """Return what the messages of ``cameras`` need: the IMU, depth for a lidar, colours for others, and
+        the layers that ``options`` name."""
         scans = [lidar_of(camera) is not None for camera in cameras.values()]
-        needs = {
-            "depth": any(scans) or options.depth != "none",
-            "lit": not all(scans),
-            "labels": options.labels,
-        }
-        return ["imu", *(kind for kind, is_needed in needs.items() if is_needed)]
+        needs = ["imu"]
+        if any(scans) or options.depth != "none":
+            needs.append("depth")
+        if not all(scans):
+            needs.append("lit")
+        if options.labels:
+            needs.append("labels")
+        return needs
 
     def refuses(self, camera: Camera) -> str | None:
         _rosbags()
         return None
 
     def write(self, frames: Sequence[Frame], out: Path, options: BagOptions) -> list[Path]:
+        """Write the messages of ``frames`` and of the IMU into ``out/bag``, as ``options`` say."""
         rosbag2, typesys = _rosbags()
         store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         plugin = rosbag2.StoragePlugin[options.storage.upper()]
@@ -88,20 +93,26 @@ def _rosbags() -> tuple[Any, Any]:
 
 
 def _message(store: Any, kind: str, given: Mapping[str, Any]) -> Any:
-    """Return a message of nested fields."""
+    """Return a message of nested fields; fields that are not given are 0 or empty."""
 
-    def value(node: Any, description: Any, at: Any) -> Any:
+    def convert(node: Any, description: Any, value: Any) -> Any:
+        """Return a ``value`` as a field has it whose kind is ``node``, and its type ``description``."""
         if node.name == "NAME":
-            return _message(store, description, at or {})
+            return _message(store, description, {} if value is None else value)
         if node.name == "BASE":
-            return at if at is not None else "" if description[0] == "string" else 0
-        (of, item), count = description
-        if of.name == "NAME":
-            return [value(of, item, one) for one in at or ()]
-        return np.zeros(count, item[0]) if at is None else np.asarray(at, item[0]).ravel()
+            if value is not None:
+                return value
+            return "" if description[0] == "string" else 0
+        (item_node, item), count = description
+        if item_node.name == "NAME":
+            items = () if value is None else value
+            return [convert(item_node, item, entry) for entry in items]
+        return np.zeros(count, item[0]) if value is None else np.asarray(value, item[0]).ravel()
 
-    fields = store.fielddefs[kind][1]
-    return store.types[kind](**{name: value(node, of, given.get(name)) for name, (node, of) in fields})
+    values = {}
+    for name, (node, description) in store.fielddefs[kind][1]:
+        values[name] = convert(node, description, given.get(name))
+    return store.types[kind](**values)
 
 
 def _header(stamp: int, frame: str) -> dict[str, Any]:
@@ -123,17 +134,18 @@ def _transform(stamp: int, parent: str, child: str, position: Array, rotation: A
 
 def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: BagOptions) -> Iterator[Message]:
     static = []
-    for name, mine in by_camera(frames).items():
-        camera = mine[0].camera
-        lens = camera.base if isinstance(camera, RollingShutter) else camera
-        pose = track.on_body(mine[0])
+    for name, sequence in by_camera(frames).items():
+        first = sequence[0]
+        lens = first.camera.base if isinstance(first.camera, RollingShutter) else first.camera
+        pose = track.on_body(first)
         info = _camera_info(lens)
-        lidar = lidar_of(mine[0].camera) is not None
-        turn = pose.rotation @ R_LEVEL.T if lidar else pose.rotation
-        static.append(_transform(mine[0].time_ns or 0, "body", name, pose.position, turn))
-        for frame in mine:
-            header = {"header": _header(stamp := frame.time_ns or 0, name)}
-            if lidar:
+        is_lidar = lidar_of(first.camera) is not None
+        rotation = pose.rotation @ R_LEVEL.T if is_lidar else pose.rotation
+        static.append(_transform(_stamp(first), "body", name, pose.position, rotation))
+        for frame in sequence:
+            stamp = _stamp(frame)
+            header = {"header": _header(stamp, name)}
+            if is_lidar:
                 cloud = _cloud(sweep(frame, options.max_relative_error, options.intensity))
                 yield stamp, f"/{name}/points", "sensor_msgs/PointCloud2", header | cloud
                 continue
@@ -145,8 +157,12 @@ def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: Bag
                 yield stamp, f"/{name}/camera_info", "sensor_msgs/CameraInfo", header | info
             for topic, pixels in _pixels(frame, lens, options):
                 yield stamp, f"/{name}/{topic}/image", "sensor_msgs/Image", header | _image(pixels)
-    first = min(frame.time_ns or 0 for frame in frames)
-    yield first, "/tf_static", "tf2_msgs/TFMessage", {"transforms": static}
+    yield min(map(_stamp, frames)), "/tf_static", "tf2_msgs/TFMessage", {"transforms": static}
+
+
+def _stamp(frame: Frame) -> int:
+    """Return the time of a frame, ns; 0 without one."""
+    return frame.time_ns or 0
 
 
 def _pixels(frame: Frame, lens: Camera, options: BagOptions) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -181,8 +197,14 @@ def _camera_info(camera: Camera) -> dict[str, Any]:
             continue
         if fisheye and K[0, 1]:
             break  # OpenCV's skew of fisheyes is no part of the message
-        D = D if fisheye or len(D) > 4 else np.append(D, 0.0)
-        model = "equidistant" if fisheye else "plumb_bob" if len(D) == 5 else "rational_polynomial"
+        if not fisheye and len(D) <= 4:
+            D = np.append(D, 0.0)
+        if fisheye:
+            model = "equidistant"
+        elif len(D) == 5:
+            model = "plumb_bob"
+        else:
+            model = "rational_polynomial"
         size = {"height": camera.height, "width": camera.width, "distortion_model": model}
         return {**size, "d": D, "k": K, "r": np.eye(3), "p": np.column_stack([K, np.zeros(3)])}
     return {}
@@ -190,10 +212,9 @@ def _camera_info(camera: Camera) -> dict[str, Any]:
 
 def _cloud(table: Any) -> dict[str, Any]:
     points = table[np.isfinite(table["x"])]
-    fields = [
-        {"name": name, "offset": offset, "datatype": _DATATYPES[type.str], "count": 1}
-        for name, (type, offset) in points.dtype.fields.items()
-    ]
+    fields = []
+    for name, (dtype, offset) in points.dtype.fields.items():
+        fields.append({"name": name, "offset": offset, "datatype": _DATATYPES[dtype.str], "count": 1})
     step = points.dtype.itemsize
     data = np.frombuffer(points.tobytes(), np.uint8)
     size = {"height": 1, "width": len(points), "point_step": step, "row_step": step * len(points)}
@@ -203,19 +224,26 @@ def _cloud(table: Any) -> dict[str, Any]:
 def _of_imu(track: ImuTrack) -> Iterator[Message]:
     samples = track.samples()
     rates = track.path.motions(samples.times_ns).rates @ track.imu.pose.rotation
-    noises = {"angular_velocity": track.imu.gyroscope, "linear_acceleration": track.imu.accelerometer}
+    rate = track.imu.rate
     covariances = {
-        f"{name}_covariance": np.diag(np.square(of.noise_density) * track.imu.rate)
-        for name, of in noises.items()
+        "angular_velocity_covariance": np.diag(np.square(track.imu.gyroscope.noise_density) * rate),
+        "linear_acceleration_covariance": np.diag(np.square(track.imu.accelerometer.noise_density) * rate),
+        "orientation_covariance": np.array([-1.0] + [0.0] * 8),  # -1: there is no orientation
     }
-    covariances["orientation_covariance"] = np.array([-1.0] + [0.0] * 8)  # there is none
-    for i, stamp in enumerate(samples.times_ns.tolist()):
-        R = samples.rotations[i]
-        position = samples.positions_w[i]
-        force = _xyz(samples.specific_force[i])
-        measured = {"angular_velocity": _xyz(samples.angular_velocity[i]), "linear_acceleration": force}
-        yield stamp, "/imu", "sensor_msgs/Imu", {"header": _header(stamp, "body"), **measured, **covariances}
-        pose = {"pose": {"position": _xyz(position), "orientation": _turn(R)}}
-        moves = {"linear": _xyz(R.T @ samples.velocities_w[i]), "angular": _xyz(rates[i])}  # of the child
-        state = {"header": _header(stamp, "world"), "child_frame_id": "body", "pose": pose}
-        yield stamp, "/ground_truth/odometry", "nav_msgs/Odometry", {**state, "twist": {"twist": moves}}
+    for index, stamp in enumerate(samples.times_ns.tolist()):
+        measured = {
+            "header": _header(stamp, "body"),
+            "angular_velocity": _xyz(samples.angular_velocity[index]),
+            "linear_acceleration": _xyz(samples.specific_force[index]),
+        }
+        yield stamp, "/imu", "sensor_msgs/Imu", {**measured, **covariances}
+        R_w_body = samples.rotations[index]
+        pose = {"position": _xyz(samples.positions_w[index]), "orientation": _turn(R_w_body)}
+        velocity = R_w_body.T @ samples.velocities_w[index]  # m/s in the body frame, as the message has it
+        state = {
+            "header": _header(stamp, "world"),
+            "child_frame_id": "body",
+            "pose": {"pose": pose},
+            "twist": {"twist": {"linear": _xyz(velocity), "angular": _xyz(rates[index])}},
+        }
+        yield stamp, "/ground_truth/odometry", "nav_msgs/Odometry", state

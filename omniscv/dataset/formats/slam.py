@@ -50,14 +50,17 @@ class Poses(Format):
         return f"expected a central camera, got {camera.name}, whose rays have several origins"
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
-        """Write the trajectories; ArgumentError for two frames of a camera at one time."""
+        """Write the trajectories of ``frames`` into ``out``; ``options`` are none.
+
+        ArgumentError: two frames of a camera have one time.
+        """
         written = []
-        for camera_name, mine in by_camera(frames).items():
-            poses = trajectory(mine)
-            contents = {suffix: to_text(poses) for suffix, to_text in _WRITERS.items()}
-            contents["keys"] = "".join(f"{frame.key}\n" for frame in mine)
-            for suffix, content in contents.items():
-                written.append(write_text(out / f"{camera_name}.{suffix}", content))
+        for camera_name, sequence in by_camera(frames).items():
+            poses = trajectory(sequence)
+            for suffix, to_text in _WRITERS.items():
+                written.append(write_text(out / f"{camera_name}.{suffix}", to_text(poses)))
+            keys = "".join(f"{frame.key}\n" for frame in sequence)
+            written.append(write_text(out / f"{camera_name}.keys", keys))
         return written
 
 
@@ -86,12 +89,14 @@ class Kalibr(Format):
         return None
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+        """Write the chain of each rig of ``frames`` into ``out``; ``options`` are none."""
         if frames and frames[0].imu is not None and timed(frames):
             track = frames[0].imu
-            first = {name: mine[0] for name, mine in by_camera(frames).items()}
-            on_imu = {name: RigCamera(frame.camera, track.on_body(frame)) for name, frame in first.items()}
+            on_imu = {}
+            for name, (first, *_) in by_camera(frames).items():
+                on_imu[name] = RigCamera(first.camera, track.on_body(first))
             return [write_text(out / "camchain.yaml", _chain(Rig(on_imu), on_imu=True))]
-        chains = [of_frames.rig for of_frames in rigs(frames)]
+        chains = [found.rig for found in rigs(frames)]
         written = []
         for rig in chains:
             suffix = f"-{next(iter(rig.cameras))}" if len(chains) > 1 else ""
@@ -100,23 +105,30 @@ class Kalibr(Format):
 
 
 def _chain(rig: Rig, on_imu: bool = False) -> str:
+    """Return Kalibr's chain of a rig; ``on_imu``: the rig's frame is that of its IMU."""
     seen = rig.seen_from(next(iter(rig.cameras))) if on_imu else rig
-    numbered = {f"cam{i}": mounted for i, mounted in enumerate(seen.cameras.values())}
+    numbered = {f"cam{number}": mounted for number, mounted in enumerate(seen.cameras.values())}
     chain = yaml.safe_load(KALIBR.write(numbered, rig=True))
     for entry, (camera_name, mounted) in zip(chain.values(), rig.cameras.items(), strict=True):
         if on_imu:
             entry |= {"T_cam_imu": matrix_of_pose(mounted.pose.inverse()), "timeshift_cam_imu": 0.0}
-        sizes = mounted.camera.width, mounted.camera.height
-        pixels = np.meshgrid(*(np.linspace(0, size, _SAMPLES) for size in sizes))
-        rays = mounted.camera.unproject(np.stack(pixels, axis=-1))
-        directions = rays.directions[rays.valid]  # of points far away
         entry["rostopic"] = f"/{camera_name}"
-        entry["cam_overlaps"] = []
-        for i, other in enumerate(rig.cameras.values()):
-            R_other_camera = other.pose.rotation.T @ mounted.pose.rotation
-            if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
-                entry["cam_overlaps"].append(i)
+        entry["cam_overlaps"] = _overlaps(rig, mounted)
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
+
+
+def _overlaps(rig: Rig, mounted: RigCamera) -> list[int]:
+    """Return the numbers of the other cameras of a rig that see a point of this one's image, far away."""
+    columns = np.linspace(0, mounted.camera.width, _SAMPLES)
+    rows = np.linspace(0, mounted.camera.height, _SAMPLES)
+    rays = mounted.camera.unproject(np.stack(np.meshgrid(columns, rows), axis=-1))
+    directions = rays.directions[rays.valid]
+    overlaps = []
+    for number, other in enumerate(rig.cameras.values()):
+        R_other_camera = other.pose.rotation.T @ mounted.pose.rotation
+        if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
+            overlaps.append(number)
+    return overlaps
 
 
 _STATES = {
@@ -158,19 +170,24 @@ class Euroc(Format):
         return Kalibr().refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+        """Write the images of ``frames``, their IMU and its state into ``out/mav0``; ``options`` are none.
+
+        ArgumentError: they have no IMU, or no times.
+        """
         track = track_of(frames)
         root = out / "mav0"
         written = list[Path]()
         names = ""
-        for i, (name, mine) in enumerate(by_camera(frames).items()):
-            folder = root / f"cam{i}"
-            names = f"{names}cam{i} {name}\n"
-            stamps = [frame.time_ns or 0 for frame in mine]
-            for stamp, frame in zip(stamps, mine, strict=True):
+        for number, (name, sequence) in enumerate(by_camera(frames).items()):
+            folder = root / f"cam{number}"
+            names += f"cam{number} {name}\n"
+            table = "#timestamp [ns],filename\n"
+            for frame in sequence:
+                stamp = frame.time_ns or 0
                 written.append(write_color(folder / "data" / f"{stamp:019d}.png", frame))
-            rows = "".join(f"{stamp},{stamp:019d}.png\n" for stamp in stamps)
-            written.append(write_text(folder / "data.csv", f"#timestamp [ns],filename\n{rows}"))
-            written.append(_sensor(folder, "camera", track.on_body(mine[0]), _camera(mine)))
+                table += f"{stamp},{stamp:019d}.png\n"
+            written.append(write_text(folder / "data.csv", table))
+            written.append(_sensor(folder, "camera", track.on_body(sequence[0]), _camera(sequence)))
         samples = track.samples()
         body = Pose(np.zeros(3), np.eye(3))
         quaternions = Rotation.from_matrix(samples.rotations).as_quat(canonical=True, scalar_first=True)
@@ -210,11 +227,21 @@ def _sensor(folder: Path, kind: str, pose: Pose, keys: Mapping[str, Any]) -> Pat
 
 
 def _csv(folder: Path, units: Mapping[str, str], times: NDArray[np.int64], *columns: Array) -> Path:
-    axes = {name: "wxyz" if name.startswith("q") else "xyz" for name in units}
-    names = [f"{name}_{axis} [{unit}]" for name, unit in units.items() for axis in axes[name]]
-    rows = zip(times.tolist(), np.hstack(columns).tolist(), strict=True)
-    lines = [",".join(["#timestamp [ns]", *names])]
-    lines += [",".join(map(str, (stamp, *row))) for stamp, row in rows]
+    """Write ``data.csv`` of vectors at times.
+
+    Args:
+        folder: into which the file is written.
+        units: of the vectors, by their names; names of quaternions begin with ``q``.
+        times: (N,) ns.
+        columns: of each vector, (N, 3), or (N, 4) of a quaternion.
+    """
+    names = ["#timestamp [ns]"]
+    for name, unit in units.items():
+        for axis in "wxyz" if name.startswith("q") else "xyz":
+            names.append(f"{name}_{axis} [{unit}]")
+    lines = [",".join(names)]
+    for stamp, row in zip(times.tolist(), np.hstack(columns).tolist(), strict=True):
+        lines.append(",".join(map(str, (stamp, *row))))
     return write_text(folder / "data.csv", "\n".join(lines) + "\n")
 
 
@@ -246,24 +273,24 @@ class TumMono(Format):
     options = TumMonoOptions
 
     def check_options(self, options: TumMonoOptions, cameras: Mapping[str, Camera]) -> None:
-        """Refuse shading of a file, which is a vignette already."""
-        if isinstance((options.sensor or {}).get("shading"), Mapping):
+        """Raise ArgumentError, whatever the ``cameras``, if the sensor of ``options`` is shaded by a file."""
+        if options.sensor is not None and isinstance(options.sensor.get("shading"), Mapping):
             wanted = "expected natural shading or a table, got a file, which is the vignette"
             raise ArgumentError(f"tum_mono: {wanted}; leave the format out")
 
     def write(self, frames: Sequence[Frame], out: Path, options: TumMonoOptions) -> list[Path]:
+        """Write a folder for each camera of ``frames`` into ``out``; ``options`` have the job's sensor."""
         sensor = Sensor(**(options.sensor or {}))
         written = []
-        for name, mine in by_camera(frames).items():
+        for name, sequence in by_camera(frames).items():
             folder = out / name
-            camera = mine[0].camera
-            numbered = [(f"{i:05d}", frame) for i, frame in enumerate(mine)]
-            for number, frame in numbered:
+            camera = sequence[0].camera
+            times = []
+            for index, frame in enumerate(sequence):
+                number = f"{index:05d}"
+                time_ns = index * NS if frame.time_ns is None else frame.time_ns
                 written.append(write_pixels(folder / "images" / f"{number}.png", frame.layer("sensor")))
-            times = [
-                (number, i * NS if frame.time_ns is None else frame.time_ns, sensor.exposure_s)
-                for i, (number, frame) in enumerate(numbered)
-            ]
+                times.append((number, time_ns, sensor.exposure_s))
             shares = np.ones((camera.height, camera.width))
             if sensor.shading is not None:
                 shares = np.asarray(optics.shading(camera, sensor.shading), np.float64)

@@ -8,7 +8,6 @@ frames make equal shards: USTAR, sorted members, no times, no owners. Frames wit
 import tarfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,7 @@ class WebDataset(Format):
     options = WebDatasetOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: WebDatasetOptions) -> list[Path]:
+        """Write shards of ``frames`` and their list into ``out``, as large as ``options`` allow."""
         by_split: dict[str, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.key):
             by_split.setdefault(frame.split or "frames", []).append(frame)
@@ -66,15 +66,22 @@ class WebDataset(Format):
         return [*written, write_json(out / SHARDS, {"shards": shards, **_common(frames)})]
 
     def check(self, frames: Sequence[Frame], out: Path) -> list[str]:
-        """Return a line for each shard that is missing or damaged, and each frame in none."""
+        """Return a line for each shard in ``out`` that is missing or damaged, and each of ``frames`` in no
+        shard."""
         try:
             _, shards = read_list(storage.folder(out))
         except OmniscvError as damaged:
             return [damaged.message.removeprefix(f"{out}/")]
-        faults = [f"{entry.path}: {fault}" for entry in shards if (fault := entry.fault(out))]
-        keys = set(chain.from_iterable(shards.values()))
-        missing = [frame.key for frame in frames if frame.key not in keys]
-        return faults + [f"{SHARDS}: expected a shard with {key}, got none" for key in missing]
+        faults = []
+        keys: set[str] = set()
+        for entry, keys_of_shard in shards.items():
+            keys.update(keys_of_shard)
+            if fault := entry.fault(out):
+                faults.append(f"{entry.path}: {fault}")
+        for frame in frames:
+            if frame.key not in keys:
+                faults.append(f"{SHARDS}: expected a shard with {frame.key}, got none")
+        return faults
 
 
 def _shards(frames: Sequence[Frame], limits: WebDatasetOptions) -> Iterator[list[Frame]]:
@@ -107,14 +114,17 @@ def _write_tar(path: Path, frames: Sequence[Frame]) -> None:
 
 def _common(frames: Sequence[Frame]) -> dict[str, Any]:
     """The cameras of the frames, and the ids of objects and of classes."""
-    if not frames:
-        return {"cameras": {}, "names": {}, "classes": {}}
-    classes = frames[0].classes
-    return {
-        "cameras": {frame.camera_name: frame.camera.to_dict() for frame in frames},
-        "names": dict(frames[0].instances),
-        "classes": {} if classes is None else {row.name: row.id for row in classes.classes.values()},
-    }
+    cameras = {}
+    for frame in frames:
+        cameras[frame.camera_name] = frame.camera.to_dict()
+    names: dict[str, int] = {}
+    classes: dict[str, int] = {}
+    if frames:  # all share names and classes
+        names.update(frames[0].instances)
+        if frames[0].classes is not None:
+            for category in frames[0].classes.classes.values():
+                classes[category.name] = category.id
+    return {"cameras": cameras, "names": names, "classes": classes}
 
 
 def read_list(folder: Folder) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
@@ -124,10 +134,10 @@ def read_list(folder: Folder) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]
         raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
     try:
         content = parse_json(folder.read(SHARDS, MOST_BYTES), MOST_BYTES)
-        shards = {
-            FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
-            for shard in content["shards"]
-        }
+        shards = {}
+        for shard in content["shards"]:
+            entry = FileEntry(shard["path"], shard["bytes"], shard["sha256"])
+            shards[entry] = tuple(map(str, shard["keys"]))
         cameras = read_cameras(content["cameras"])
         names = read_names(content["names"])
         return Manifest(cameras, names, versions={}), shards
@@ -136,8 +146,18 @@ def read_list(folder: Folder) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]
 
 
 class Shard:
-    """An open shard; DatasetError if it has another size, is no tar file, or holds anything but files, or is
-    missing on this machine; MissingFileError if it is missing in a store."""
+    """An open shard.
+
+    Args:
+        folder: in which the shard is.
+        file: its entry in the list of shards.
+        manifest: the cameras and names of its frames.
+
+    Raises:
+        DatasetError: it has another size, is no tar file, or holds anything but files, or it is missing in a
+            local folder.
+        MissingFileError: it is missing in a store.
+    """
 
     def __init__(self, folder: Folder, file: FileEntry, manifest: Manifest) -> None:
         self._manifest = manifest
@@ -167,9 +187,10 @@ class Shard:
         self._tar.close()
 
     def extract(self, key: str, kinds: Sequence[str], folder: Path) -> Frame:
-        """Write files of a sample, of the kinds that it has, into a folder, and return their frame.
+        """Write files of the sample ``key`` into a ``folder``, and return their frame.
 
-        DatasetError: the shard lacks the sample, or a file is damaged.
+        Files are those of ``kinds`` that the sample has. DatasetError: the shard lacks the sample, or a file
+        is damaged.
         """
         name = f"{key}.json"
         if name not in self._members:
@@ -178,10 +199,12 @@ class Shard:
         try:
             content = self._read(name, MOST_JSON_BYTES)
             frame = self._manifest.frame_of_file(name, content, storage.folder(folder))
-            listed = {kind: frame.entries[kind] for kind in kinds if kind in frame.entries}
-            entries = {kind: entry for kind, entry in listed.items() if entry.path in self._members}
-            for entry in entries.values():
-                (folder / entry.path).write_bytes(self._read(entry.path, entry.bytes))
+            entries = {}
+            for kind in kinds:
+                entry = frame.entries.get(kind)
+                if entry is not None and entry.path in self._members:
+                    entries[kind] = entry
+                    (folder / entry.path).write_bytes(self._read(entry.path, entry.bytes))
             frame = frame.with_files(storage.folder(folder), entries)
             for kind in frame.files:
                 frame.files[kind]  # checks it

@@ -11,7 +11,7 @@ The pose of an object is its box in the image, then the corners (:meth:`ObjectBo
 of its box in space: x, y, and 2 for seen, 1 for behind something nearer, or 0 0 0 for a point outside.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,36 +67,40 @@ class Yolo(Format):
     options = YoloOptions
 
     def needs_of(self, cameras: Mapping[str, Camera], options: YoloOptions) -> Sequence[str]:
-        return [*self.needs, *(("depth", "truth") if options.task == "pose" else ())]
+        """Return ``needs``, for all ``cameras``; with depth and truth if the task of ``options`` is poses."""
+        if options.task == "pose":
+            return [*self.needs, "depth", "truth"]
+        return self.needs
 
     def write(self, frames: Sequence[Frame], out: Path, options: YoloOptions) -> list[Path]:
-        """Write the files; ArgumentError for an image that readers drop."""
+        """Write pictures and labels of ``frames`` into ``out``, for the task that ``options`` name.
+
+        ArgumentError: an image is so small that readers drop it.
+        """
         ordered = sorted(frames, key=lambda frame: frame.key)
         categories = category_entries(ordered, stuff=False)
-        number_of = {category["id"]: number for number, category in enumerate(categories)}
+        number_of: dict[int, int] = {}
+        names: dict[int, str] = {}
+        for number, category in enumerate(categories):
+            number_of[category["id"]] = number
+            names[number] = category["name"]
         written = list[Path]()
         splits = dict[str, str]()
-        areas = [0.0, 0.0]
+        areas = [0.0, 0.0]  # of all objects, and what of them is lost, px
         for frame in ordered:
-            height, width = frame.camera.height, frame.camera.width
+            width = frame.camera.width
+            height = frame.camera.height
             if min(height, width) < _LEAST_PX:
                 raise ArgumentError(
                     f"{frame.key}: expected an image of at least {_LEAST_PX} px, got {width} x {height}"
                 )
             split = frame.split or "train"
             splits[split] = f"images/{split}"
-            rows = [
-                " ".join([str(number_of[entry["category_id"]]), *(f"{x:.6f}" for x in numbers)])
-                for entry in object_entries(frame, split=options.seam == "split")
-                for numbers in [_numbers(frame, entry, options, areas)]
-            ]
-            written.append(
-                write_pixels(out / "images" / split / f"{frame.key}.png", uint8_colors(frame.layer("lit")))
-            )
-            text = "".join(f"{row}\n" for row in dict.fromkeys(rows))  # readers merge equal rows
+            rows = _rows(frame, number_of, options, areas)
+            colors = uint8_colors(frame.layer("lit"))
+            written.append(write_pixels(out / "images" / split / f"{frame.key}.png", colors))
             (out / "labels" / split).mkdir(parents=True, exist_ok=True)
-            written.append(write_text(out / "labels" / split / f"{frame.key}.txt", text))
-        names = {number: category["name"] for number, category in enumerate(categories)}
+            written.append(write_text(out / "labels" / split / f"{frame.key}.txt", "".join(rows)))
         first = next(iter(splits.values()), "images/train")
         data: dict[str, Any] = {"path": ".", "train": first, "val": first, **splits, "names": names}
         if options.task == "segment":
@@ -104,6 +108,26 @@ class Yolo(Format):
         elif options.task == "pose":
             data |= {"kpt_shape": [len(_FLIPPED), 3], "flip_idx": list(_FLIPPED)}
         return [*written, write_text(out / "data.yaml", yaml.safe_dump(data, sort_keys=False))]
+
+
+def _rows(
+    frame: Frame, number_of: Mapping[int, int], options: YoloOptions, areas: list[float]
+) -> Iterable[str]:
+    """Return the lines of a frame's objects, equal ones once, as readers merge them.
+
+    Args:
+        frame: with labels.
+        number_of: the number of a class by the id of its category.
+        options: of the format.
+        areas: to which the area of the objects, and what of it is lost, are added, px.
+    """
+    rows: dict[str, None] = {}
+    for entry in object_entries(frame, split=options.seam == "split"):
+        words = [str(number_of[entry["category_id"]])]
+        for number in _numbers(frame, entry, options, areas):
+            words.append(f"{number:.6f}")
+        rows[" ".join(words) + "\n"] = None
+    return rows
 
 
 def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions, areas: list[float]) -> list[float]:
@@ -133,14 +157,18 @@ def _points(frame: Frame, instance: int) -> NDArray[np.float64]:
 
     A point is seen if nothing nearer but the object itself is where it is in the image.
     """
-    box = next((box for box in frame.truth.get("boxes3d", ()) if box["instance_id"] == instance), None)
-    if box is None:
+    for box in frame.truth.get("boxes3d", ()):
+        if box["instance_id"] == instance:
+            break
+    else:
         wanted = "expected the truth boxes3d of all objects, got none"
         raise ArgumentError(f"{frame.key}: {wanted} of instance {instance}; make the dataset with it")
-    center, R_c_b, size = (np.array(box[key]) for key in ("center_camera", "R_camera_box", "size"))
-    points_c = np.vstack([ObjectBox(center, R_c_b, size, box["source"]).corners_w(), center])
+    center = np.array(box["center_camera"])
+    box_c = ObjectBox(center, np.array(box["R_camera_box"]), np.array(box["size"]), box["source"])
+    points_c = np.vstack([box_c.corners_w(), center])
     pixels, valid = frame.camera.project(points_c)
-    width, height = frame.camera.width, frame.camera.height
+    width = frame.camera.width
+    height = frame.camera.height
     inside = valid & (pixels >= 0).all(axis=1) & (pixels < [width, height]).all(axis=1)
     column, row = np.where(inside[:, None], pixels, 0).astype(int).T
     nearer = frame.layer("depth")[row, column] < (1 - _TOUCHING) * np.linalg.norm(points_c, axis=1)
