@@ -61,7 +61,7 @@ class KittiLidar(Format):
         return None if lidar_of(camera) else f"expected a lidar, got {camera.name}"
 
     def check_options(self, options: LidarOptions, cameras: Mapping[str, Camera]) -> None:
-        """Raise ArgumentError for several ``cameras``: files would have one name. ``options`` do not matter."""
+        """Raise ArgumentError, whatever the ``options``, for several ``cameras``: they share files."""
         if len(cameras) > 1:
             advice = "export each into its own 'out'"
             raise ArgumentError(f"expected one lidar, got {', '.join(cameras)}; {advice}")
