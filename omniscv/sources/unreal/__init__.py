@@ -27,11 +27,15 @@ _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memo
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 MOST_WARMUP = 1000  # frames after each move
+_PORT = 9000  # of an address without one
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 
 
 def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener:
-    """Return the opener for a function that opens an address; what it starts, it leaves to an exit stack."""
+    """Return the opener for a function that opens an address; what it starts, it leaves to an exit stack.
+
+    The options of an opener are those of :class:`omniscv.sources.registry.SourceOptions`.
+    """
 
     def opener(
         address: str,
@@ -60,7 +64,13 @@ def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener
 
 @_opener
 def open_unreal(address: str, connect: Connect, host: ExitStack) -> Source:
-    """Open ``unreal://host:port`` or ``unreal+unix:///path``."""
+    """Open the ``address`` ``unreal://host:port`` or ``unreal+unix:///path``.
+
+    Args:
+        address: as above; a query such as ``?camera=1`` is refused.
+        connect: opens an endpoint as a source.
+        host: without use, as nothing is started.
+    """
     endpoint = _endpoint(address)
     if "camera=" in urlsplit(address).query:
         expected = "expected no ?camera, as captures are of a camera that is spawned"
@@ -70,14 +80,26 @@ def open_unreal(address: str, connect: Connect, host: ExitStack) -> Source:
 
 @_opener
 def open_launched(address: str, connect: Connect, host: ExitStack) -> Source:
-    """Start a packaged game, and open it: ``launch:PATH?port=9001``, with options of :func:`launch`."""
+    """Start a packaged game, and open it.
+
+    Args:
+        address: ``launch:PATH?port=9001``, with options of :func:`launch`.
+        connect: opens an endpoint as a source.
+        host: stops the game when it is closed.
+    """
     path, options = split_address(address, _LAUNCH_OPTIONS)
     return launch(Path(path), connect, host, **options)
 
 
 @_opener
 def open_mock(address: str, connect: Connect, host: ExitStack) -> Source:
-    """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
+    """Start the mock server for this source alone, and open it.
+
+    Args:
+        address: ``mock://four-wall?dialect=0.3.10``, with options of :func:`mock_server.serve`.
+        connect: opens an endpoint, and its scene, as a source.
+        host: stops the server when it is closed.
+    """
     server = host.enter_context(_mock(address))
     return connect((server.host, server.port), scene=server.scene)
 
@@ -86,10 +108,19 @@ def open_mock(address: str, connect: Connect, host: ExitStack) -> Source:
 def open_connection(
     address: str, timeout_s: float = TIMEOUT_S, patience_s: float = PATIENCE_S
 ) -> Iterator[Connection]:
-    """Yield a connection to a live or mock server, which connects when it is first used."""
+    """Yield a connection to a live or mock server, which connects when it is first used.
+
+    Args:
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://SCENE``.
+        timeout_s: see :class:`Connection`.
+        patience_s: see :class:`Connection`.
+    """
     with ExitStack() as resources:
-        server = resources.enter_context(_mock(address)) if address.startswith("mock://") else None
-        endpoint = (server.host, server.port) if server else _endpoint(address)
+        if address.startswith("mock://"):
+            server = resources.enter_context(_mock(address))
+            endpoint: Endpoint = (server.host, server.port)
+        else:
+            endpoint = _endpoint(address)
         yield resources.enter_context(closing(Connection(endpoint, timeout_s, patience_s)))
 
 
@@ -98,14 +129,11 @@ def _endpoint(address: str) -> Endpoint:
         parts = urlsplit(address if len(address) <= _MAX_ADDRESS else "")
         if parts.scheme == "unreal+unix" and parts.path.isprintable() and parts.path:
             return parts.path
-        if (
-            parts.scheme == "unreal"
-            and parts.hostname
-            and parts.hostname.encode("idna").decode().isprintable()
-        ):
-            return parts.hostname, 9000 if parts.port is None else parts.port
-    wanted = "expected unreal://host:port or unreal+unix:///path"
-    raise ArgumentError(f"source: {wanted}, got {shown(address)}{advice_on(address)}")
+        host = parts.hostname
+        if parts.scheme == "unreal" and host and host.encode("idna").decode().isprintable():
+            return host, _PORT if parts.port is None else parts.port
+    expected = "expected unreal://host:port or unreal+unix:///path"
+    raise ArgumentError(f"source: {expected}, got {shown(address)}{advice_on(address)}")
 
 
 def _mock(address: str) -> Server:

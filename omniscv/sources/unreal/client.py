@@ -155,8 +155,9 @@ class Client(unrealcv.Client):  # type: ignore[name-defined, misc]
     def receive(self) -> bytes:
         """Return the payload of the next reply; called by the receiving thread."""
         deadline = self._deadline()
-        while (payload := self._frame(deadline)) == _CLICK:
-            pass
+        payload = self._frame(deadline)
+        while payload == _CLICK:
+            payload = self._frame(deadline)
         return payload
 
     def _greet(self) -> None:
@@ -263,7 +264,8 @@ class Connection:
         actual = list(replies)
         if actual != known:
             self.close()  # so that it is compared again before anything else is sent
-            before, now = (" with ".join(map(shown, names)) for names in (known, actual))
+            before = " with ".join(map(shown, known))
+            now = " with ".join(map(shown, actual))
             expected = f"{self.address}: expected the scene {before}, got {now}"
             raise SceneChangedError(f"{expected}; open the source again")
 
@@ -301,7 +303,7 @@ class Connection:
             self._until = outer
 
     def read(self, commands: Sequence[str], reader: Callable[[str, Reply], T]) -> list[T]:
-        """Send commands together, and return ``reader(command, reply)`` for each.
+        """Send ``commands`` together, and return ``reader(command, reply)`` for each.
 
         After a fault, or if ``reader`` raises BadReplyError, the commands without a result are sent again.
         """
@@ -324,6 +326,7 @@ class Connection:
         """Return the replies to repeatable commands, which must be text; errors of the server included."""
 
         def text(command: str, reply: Reply) -> str:
+            """Return the ``reply`` to a ``command``; BadReplyError if it is no text."""
             if isinstance(reply, str):
                 return reply
             expected = f"expected text from {shown(command)}"

@@ -79,22 +79,38 @@ class StaleFrames:
 
         Two states may show the same. Then waiting changes nothing, and the frames are accepted in the end.
         They are remembered, so that the next time they are accepted at once.
+
+        Args:
+            state: of the camera, as of :attr:`states`.
+            payloads: by mode, the bytes of the frames.
         """
-        moved = [mode for mode in payloads if self.states.get(mode, state) != state]
-        equal = [hash(payloads[mode]) for mode in moved if payloads[mode] == self._payloads[mode]]
-        doubtful = {*equal} - self._lookalikes
+        unchanged: set[int] = set()
+        has_changed = False
+        for mode, payload in payloads.items():
+            if self.states.get(mode, state) == state:
+                continue
+            if payload == self._payloads[mode]:
+                unchanged.add(hash(payload))
+            else:
+                has_changed = True
+        doubtful = unchanged - self._lookalikes
         if doubtful and self._rejected + 1 < len(_WAITS):
             self._rejected += 1
             return False
         self._lookalikes |= doubtful
-        if len(equal) < len(moved):  # the frames that were skipped beyond the lag were stale
+        if has_changed:  # the frames that were skipped beyond the lag were stale
             self.lag = min(SETTLED, self.lag + _WAITS[self._rejected])
         self._rejected = 0
         self.note(state, payloads)
         return True
 
     def note(self, state: Hashable, payloads: Mapping[str, bytes]) -> None:
-        """Remember frames without comparing them."""
+        """Remember frames without comparing them; arguments as of :meth:`accepts`.
+
+        Args:
+            state: of the camera.
+            payloads: by mode, the bytes of the frames.
+        """
         self.states.update(dict.fromkeys(payloads, state))
         self._payloads.update(payloads)
 
@@ -161,11 +177,17 @@ class CameraDriver(ABC):
 
     @abstractmethod
     def aim(self, before: View | None, view: View) -> list[str]:
-        """Return the commands that turn the camera from one view, None if unknown, to another."""
+        """Return the commands that turn the camera to a ``view``.
+
+        ``before`` is the view that it has now; None if it is not known.
+        """
 
     @abstractmethod
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
-        """Yield captures of the first requests; fewer if frames may be stale; ``RETRIED`` ends it."""
+        """Yield captures of the first of some ``requests``; fewer if frames may be stale.
+
+        They are sent over a ``client``; a fault of ``RETRIED`` ends it.
+        """
 
     def cover(self, view: View) -> tuple[View, ...]:
         """Return the views that together show one, as :meth:`omniscv.sources.base.Source.cover`."""
@@ -180,8 +202,9 @@ class CameraDriver(ABC):
         if view.lens is not None:
             raise ArgumentError(f"lens: expected none of a game's camera, got {view.lens}")
         if view.height > view.width:
-            got = f"{view.width} x {view.height}: engines take the field of view of higher ones as vertical"
-            raise ArgumentError(f"size: expected a view at least as wide as high, got {got}")
+            why = "engines take the field of view of higher ones as vertical"
+            actual = f"{view.width} x {view.height}: {why}"
+            raise ArgumentError(f"size: expected a view at least as wide as high, got {actual}")
         if request.mode not in modes:
             known = f"{', '.join(modes[:-1])} or {modes[-1]}"
             raise self._refused(f"a request for {known}, got {request.mode}, which has no picture")
@@ -202,7 +225,7 @@ class CameraDriver(ABC):
             self.connection.text(VERSION)  # each reply comes at least one frame later
 
     def read(self, what: str, count: int) -> list[float]:
-        """Return numbers that the camera reports, such as its ``rotation``."""
+        """Return so many (``count``) numbers that the camera reports; ``what`` is such as ``rotation``."""
         return numbers(self.connection.text(f"vget /camera/{self.camera}/{what}"), count)
 
     def release(self) -> None:
@@ -214,14 +237,17 @@ class CameraDriver(ABC):
 
     def _prepare(self) -> None:
         """Read the game's identity, fix its exposure if requested, and make mask colours distinct."""
-        self._version, scene = (name(self.connection.text(command)) for command in (VERSION, SCENE))
+        self._version = name(self.connection.text(VERSION))
+        replies = {SCENE: name(self.connection.text(SCENE))}
         level = name(self.connection.text(LEVEL)) if self.connection.supports(LEVEL) else ""
-        # Plugin 0.3.10 names no level, and lists the objects that the level had when it began.
-        told = {LEVEL: level} if level else {}
         if self.connection.plugin.dialect == "0.3.10":
-            told = {OBJECTS: self.connection.text(OBJECTS)}
-        self.connection.scene = self.connection.scene or {SCENE: scene, **told}
-        self.scene_identity = SceneIdentity(scene, level)
+            # It names no level, and lists the objects that the level had when it began.
+            replies[OBJECTS] = self.connection.text(OBJECTS)
+        elif level:
+            replies[LEVEL] = level
+        if not self.connection.scene:
+            self.connection.scene = replies
+        self.scene_identity = SceneIdentity(replies[SCENE], level)
         if self._options.fix_exposure:
             # Of the whole game: the vignette, and auto exposure where no camera has its own.
             own = self._options.exposure not in (None, "game")
@@ -231,7 +257,7 @@ class CameraDriver(ABC):
     def _capture(self, request: Request, view: View, reply: Reply) -> Capture:
         """Return the capture in a reply; BadReplyError if it is no picture of the view."""
         command = self.table.image(self.camera, request.mode)
-        (_, encoding) = self.table.images[request.mode]
+        _, encoding = self.table.images[request.mode]
         if isinstance(reply, str):
             raise self._bad_reply(f"a picture from {command!r}, got {shown(reply[:100])}")
         provenance = {
@@ -264,15 +290,18 @@ class CameraDriver(ABC):
 _YAWS_DEG = (0, 90, 180, 270)
 _EDGE_PX = 64  # of the pictures
 _MOST = 8  # pictures in one direction, in which automatic exposure settles
-# grey levels, of mean brightness
-_SETTLED = 0.5
-_EQUAL = 1.0
-_NEAR = 8.0
+# Differences of mean brightness, in grey levels:
+_SETTLED = 0.5  # of two pictures in a row
+_EQUAL = 1.0  # that cannot be seen
+_NEAR = 8.0  # up to which a bias matches the game's own exposure
 _PRECISION = 2  # decimals of a bias
 
 
 def by_hand(camera: str | int, bias: float) -> list[str]:
-    """Return the commands for manual exposure that a bias in stops alone decides, without a cine model."""
+    """Return the commands for manual exposure of a ``camera``, without a cine model.
+
+    It is decided by the ``bias`` alone, in stops.
+    """
     settings = ("exposure_method manual", "physical_exposure 0", f"exposure_bias {bias:.8f}")
     return [f"vset /camera/{camera}/{setting}" for setting in settings]
 
@@ -283,12 +312,18 @@ def lumen(camera: str | int) -> list[str]:
 
 
 def matching_bias(connection: Connection, camera: str | int, location_cm: Sequence[float]) -> float | None:
-    """Return the bias at which manual exposure is as bright as the game's own; None if none comes near.
+    """Return the bias, stops, at which manual exposure is as bright as the game's; None if none comes near.
 
     Brightness is the mean of four directions. It grows with the bias; the tone curve need not be known. Black
-    or white pictures say nothing of the bias, so none matches them. The camera is a spawned one, as the game
-    exposes it, and is left changed; ``location_cm`` is in Unreal's frame. Raises ServerRefusedError for a
-    refused command.
+    or white pictures say nothing of the bias, so none matches them.
+
+    Args:
+        connection: to the game.
+        camera: a spawned one, as the game exposes it; it is left changed.
+        location_cm: of the camera, in Unreal's frame.
+
+    Raises:
+        ServerRefusedError: a command was refused.
     """
     looks = _Looks(connection, camera, location_cm)
     target = float(np.mean([looks.settled(yaw) for yaw in _YAWS_DEG]))
@@ -304,9 +339,11 @@ def matching_bias(connection: Connection, camera: str | int, location_cm: Sequen
             tried[bias] = float(np.mean([looks.after_turn(yaw) for yaw in _YAWS_DEG])) - target
         return tried[bias] if abs(tried[bias]) > _EQUAL else 0.0
 
-    near, far = 0.0, float(-np.sign(excess(0.0)))
+    near = 0.0
+    far = float(-np.sign(excess(0.0)))
     while excess(near) * excess(far) > 0 and abs(far) < EXPOSURE_LIMITS[1]:
-        near, far = far, 2 * far
+        near = far
+        far = 2 * far
     if excess(near) * excess(far) < 0:
         from scipy.optimize import brentq
 
@@ -323,7 +360,7 @@ class _Looks:
         self._at = f"/camera/{camera}"
         self._last = b""
         location = "{:.6f} {:.6f} {:.6f}".format(*location_cm)
-        settings = f"size {_EDGE_PX} {_EDGE_PX}", "fov 90.0", f"location {location}"
+        settings = (f"size {_EDGE_PX} {_EDGE_PX}", "fov 90.0", f"location {location}")
         connection.set([f"vset {self._at}/{setting}" for setting in settings])
         connection.set(lumen(camera))
         for _ in range(SETTLED):  # the first pictures of a camera may be garbage

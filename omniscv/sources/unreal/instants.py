@@ -55,7 +55,7 @@ class Journal:
         self.layers: list[Layer] = []
         self._values: dict[Key, Any] = {}
         self._changes = 0
-        self._described = 0, Instant()  # the instant after so many changes
+        self._described = (0, Instant())  # a number of changes, and the instant after them
 
     @contextmanager
     def turn(self) -> Iterator[None]:
@@ -69,29 +69,29 @@ class Journal:
     def instant(self) -> Instant:
         """The known state of the world now; changes that an instant does not describe are in its name."""
         changes = self._changes
-        (described, instant) = self._described
+        described, instant = self._described
         if described != changes:
             instant = self._describe()
-            self._described = changes, instant
+            self._described = (changes, instant)
         return instant
 
     def _describe(self) -> Instant:
         values = self._values.copy()  # other threads may change the world meanwhile
-        poses = {name: value for (what, name), value in values.items() if what == "seen"}
-        poses |= {name: value for (what, name), value in values.items() if what == "pose"}
-        hidden = frozenset(name for what, name in values if what == "hidden")
+        poses = {**_of_kind(values, "seen"), **_of_kind(values, "pose")}
+        hidden = frozenset(_of_kind(values, "hidden"))
         labels = [values["name", ""]] if ("name", "") in values else []
-        others = sorted(key for key in values if key[0] not in _KNOWN)
-        labels += [f"{' '.join(key).strip()}: {values[key]}" for key in others]
+        for key in sorted(values):
+            if key[0] not in _KNOWN:
+                labels.append(f"{' '.join(key).strip()}: {values[key]}")
         return Instant(MappingProxyType(poses), hidden, values.get(("time", "")), "; ".join(labels))
 
     def value(self, what: str, name: str = "") -> Any:
-        """Return what was set; None for what was not changed."""
+        """Return what was set of the kind ``what``, of the object ``name``; None for what was not changed."""
         return self._values.get((what, name))
 
     def named(self, what: str) -> dict[str, Any]:
-        """Return what was set, by the names of the objects."""
-        return {name: value for (key, name), value in self._values.items() if key == what}
+        """Return what was set of the kind ``what``, by the names of the objects."""
+        return _of_kind(self._values, what)
 
     def open(self) -> Layer:
         """Return a new layer, which records all changes from now on."""
@@ -103,15 +103,22 @@ class Journal:
         self.layers = [other for other in self.layers if other is not layer]
 
     def note(self, what: str, name: str, value: Any, undo: Undo | None = None) -> None:
-        """Note a change before it is made, None for the value from before any; without ``undo`` it stays."""
-        key = what, name
+        """Note a change before it is made.
+
+        Args:
+            what: its kind, such as ``pose``.
+            name: of the object; empty for changes of the game.
+            value: from now on; None for the value from before any change.
+            undo: how to put the change back; None if it stays.
+        """
+        key = (what, name)
         if undo is not None:
             for layer in self.layers:
                 layer.setdefault(key, (self._values.get(key), undo))
         self._set(key, value)
 
     def undone(self, layer: Layer, key: Key) -> None:
-        """Note that a layer's change was put back."""
+        """Note that a ``layer``'s change of ``key`` was put back."""
         value, _ = layer.pop(key)
         self._set(key, value)
 
@@ -147,10 +154,19 @@ class Journal:
         self._changes += 1  # after the change: an instant that another thread describes meanwhile is older
 
 
+def _of_kind(values: Mapping[Key, Any], what: str) -> dict[str, Any]:
+    """Return the values of one kind of change, by the names of the objects."""
+    by_name = {}
+    for (kind, name), value in values.items():
+        if kind == what:
+            by_name[name] = value
+    return by_name
+
+
 _CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
-# of positions, and entries of a rotation: 0.3.10 prints two decimals
-_PRINTED_M = 1.1e-4
-_PRINTED = 4e-4
+# By how much poses that are equal may differ: 0.3.10 prints two decimals of cm and degrees.
+_PRINTED_M = 1.1e-4  # positions
+_PRINTED = 4e-4  # entries of a rotation
 
 
 def object_names(connection: Connection) -> list[str]:
@@ -162,24 +178,34 @@ def movable_objects(connection: Connection) -> list[str]:
     """Return the names of the objects that the game may move, without cameras."""
     objects = [name for name in object_names(connection) if not name.startswith(_CAMERAS)]
     mobilities = connection.texts([f"vget /object/{name}/mobility" for name in objects])
-    return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
+    movable = []
+    for name, mobility in zip(objects, mobilities, strict=True):
+        if mobility == "Movable":
+            movable.append(name)
+    return movable
 
 
 def object_poses(connection: Connection, objects: Iterable[str]) -> dict[str, Pose]:
-    """Return the poses of objects: ``R_w_o`` and position."""
+    """Return the poses of ``objects``, read over a ``connection``: ``R_w_o`` and position, world frame."""
     objects = list(objects)
     values = [np.array(numbers(text, 3)) for text in locations_and_rotations(connection, objects)]
-    rows = zip(objects, values[::2], values[1::2], strict=True)
-    return {name: Pose(position_from_unreal(p), rotation_from_unreal(r)) for name, p, r in rows}
+    poses = {}
+    for name, location_cm, rotation_deg in zip(objects, values[::2], values[1::2], strict=True):
+        poses[name] = Pose(position_from_unreal(location_cm), rotation_from_unreal(rotation_deg))
+    return poses
 
 
 def locations_and_rotations(connection: Connection, objects: Iterable[str]) -> list[str]:
-    """Return locations and rotations in turn, as the server prints them."""
-    return connection.ask([f"vget /object/{o}/{what}" for o in objects for what in ("location", "rotation")])
+    """Return locations and rotations of ``objects`` in turn, as the server of ``connection`` prints them."""
+    commands = []
+    for name in objects:
+        commands.append(f"vget /object/{name}/location")
+        commands.append(f"vget /object/{name}/rotation")
+    return connection.ask(commands)
 
 
 def set_commands(name: str, location: str, rotation: str) -> tuple[str, str]:
-    """Return the commands that set an object's location and rotation."""
+    """Return the commands that set ``location`` (cm) and ``rotation`` (degrees) of the object ``name``."""
     return f"vset /object/{name}/location {location}", f"vset /object/{name}/rotation {rotation}"
 
 
@@ -187,15 +213,20 @@ def pose_commands(poses: Mapping[str, Pose]) -> list[str]:
     """Return the commands that set poses, with fixed decimals, as servers parse them."""
     commands: list[str] = []
     for name, pose in poses.items():
-        values = position_to_unreal(pose.position), rotation_to_unreal(pose.rotation)
-        commands += set_commands(name, *(" ".join(f"{number:.6f}" for number in row) for row in values))
+        location = _fixed(position_to_unreal(pose.position))
+        rotation = _fixed(rotation_to_unreal(pose.rotation))
+        commands += set_commands(name, location, rotation)
     return commands
 
 
-def same_pose(a: Pose, b: Pose) -> bool:
-    """Return whether poses are equal as far as servers print them."""
-    moved = np.abs(a.position - b.position).max()
-    turned = np.abs(a.rotation - b.rotation).max()
+def _fixed(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.6f}" for value in values)
+
+
+def same_pose(pose: Pose, other: Pose) -> bool:
+    """Return whether a ``pose`` and another (``other``) are equal as far as servers print them."""
+    moved = np.abs(pose.position - other.position).max()
+    turned = np.abs(pose.rotation - other.rotation).max()
     return bool(moved <= _PRINTED_M and turned <= _PRINTED)
 
 

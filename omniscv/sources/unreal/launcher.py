@@ -79,19 +79,28 @@ def settings_folders(path: Path) -> list[Path]:
     """Return where a game reads its settings: ``Game/Binaries/<Platform>/`` beside ``Game.sh``."""
     if path.parent.parent.name == "Binaries":
         return [path.parent]
-    inside = [folder for folder in path.parent.glob("*/Binaries/*/") if folder.parts[-3] != "Engine"]
+    inside = []
+    for folder in path.parent.glob("*/Binaries/*/"):
+        if folder.parts[-3] != "Engine":
+            inside.append(folder)
     return sorted(inside) or [path.parent]
 
 
 @contextmanager
 def temporary_settings(folder: Path, text: str, timeout_s: float) -> Iterator[None]:
-    """Write the plugin's settings in a folder, which is locked meanwhile; put back the user's file at the
-    end.
+    """Write the plugin's settings, and put back the user's file at the end.
 
     The plugin reads them once, when it starts (protocol reference, section 1.5). The user's file is renamed,
     so that it comes back unchanged; if the process is killed before that, the next launch puts it back.
-    Raises DeadlineError if another launch holds the folder for too long, SourceError if it cannot be written,
-    or the user has changed what a killed launch has left.
+
+    Args:
+        folder: where the game reads them; it is locked meanwhile.
+        text: the settings.
+        timeout_s: how long to wait for another launch that has locked the folder.
+
+    Raises:
+        DeadlineError: the folder is locked for longer.
+        SourceError: it cannot be written, or the user has changed what a killed launch has left.
     """
     file = folder / SETTINGS
     backup = folder / BACKUP

@@ -50,7 +50,8 @@ class LegacyDriver(CameraDriver):
         if settings is None:
             raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {shown(status)}")
         self.mask_fov_deg = protocol.fov(settings[1])
-        *_, pose = [self.connection.text(_POSE) for _ in range(_POLLS)]
+        for _ in range(_POLLS):
+            pose = self.connection.text(_POSE)
         fov = self.connection.text(_FOV)
         player = protocol.numbers(pose, 6)
         fov_deg = protocol.fov(fov)
@@ -60,7 +61,10 @@ class LegacyDriver(CameraDriver):
                 f"vset /camera/0/pose {' '.join(f'{number:.3f}' for number in player)}",
                 LIT_VIEW_MODE,
             ]
-        pictures = {mode: picture for mode in self.table.images if (picture := self._first_picture(mode))}
+        pictures: dict[str, bytes] = {}
+        for mode in self.table.images:
+            if picture := self._first_picture(mode):
+                pictures[mode] = picture
         self.stale_frames.note((pose, fov), pictures)
         if "object_mask" in pictures and self._window_follows(fov_deg):
             self.mask_fov_deg = None
@@ -81,14 +85,15 @@ class LegacyDriver(CameraDriver):
         return (view, replace(view, pose=turned))
 
     def aim(self, before: View | None, view: View) -> list[str]:
-        # Numbers have fixed decimals, as servers parse them.
+        """Return the commands that set a ``view``, whatever ``before``, with fixed decimals."""
         location, rotation = view.pose.to_unreal()
         pose = "{:.6f} {:.6f} {:.6f} {:.8f} {:.8f} {:.8f}".format(*location, *rotation)
         return [f"vset /camera/0/{LEGACY.fov} {view.fov_deg:.8f}", f"vset /camera/0/pose {pose}"]
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
+        """Yield captures of all ``requests``, those of a view together, over a ``client``."""
         for (view, _), group in groupby(requests, lambda request: (request.view, request.again)):
-            of_view = list(group)
+            requests_of_view = list(group)
             if self._aimed != view:
                 self._aimed = None
                 commands = self.aim(None, view)
@@ -96,7 +101,7 @@ class LegacyDriver(CameraDriver):
                     self._expect("ok", command, reply)
             fresh = False
             while not fresh:
-                state, captures = self._pictures(client, view, of_view)
+                state, captures = self._pictures(client, view, requests_of_view)
                 frames = {capture.mode: capture.payload or b"" for capture in captures}
                 # Colour may be stale where depth is not (protocol reference, section 7.2).
                 fresh = self.stale_frames.accepts(state, frames)
@@ -114,8 +119,9 @@ class LegacyDriver(CameraDriver):
 
     def _first_picture(self, mode: str) -> bytes | None:
         """Return what the camera shows before it is moved; None for a mode that does not work."""
-        command = LEGACY.image(0, mode)  # the very first may be garbage (protocol reference, section 7.2)
-        *_, reply = [self.connection.read([command], lambda _, reply: reply)[0] for _ in range(2)]
+        command = LEGACY.image(0, mode)
+        for _ in range(2):  # the very first may be garbage (protocol reference, section 7.2)
+            (reply,) = self.connection.read([command], lambda _, reply: reply)
         return reply if isinstance(reply, bytes) else None
 
     def _resting_pose(self, client: Client) -> Reply:
@@ -134,22 +140,29 @@ class LegacyDriver(CameraDriver):
         reading = self._resting_pose(client)
         pose = self._actual_pose(view, reading)
         pictures: dict[str, Reply] = {}
-        others = list(dict.fromkeys(request.mode for request in requests if request.mode != "object_mask"))
-        if any(request.mode == "object_mask" for request in requests):
+        modes = list(dict.fromkeys(request.mode for request in requests))
+        if "object_mask" in modes:
+            modes.remove("object_mask")
             (pictures["object_mask"],) = client.stream([LEGACY.image(0, "object_mask")])
-        commands = [LIT_VIEW_MODE, *(LEGACY.image(0, mode) for mode in others), _FOV, _POSE]
+        commands = [LIT_VIEW_MODE, *(LEGACY.image(0, mode) for mode in modes), _FOV, _POSE]
         restored, *images, fov, afterwards = client.stream(commands)
-        pictures.update(zip(others, images, strict=True))
+        pictures.update(zip(modes, images, strict=True))
         self._expect("ok", LIT_VIEW_MODE, restored)
         if afterwards != reading:
-            got = f"{_excerpt(afterwards)}; is a player controlling the pawn?"
-            raise self._bad_reply(f"a camera that stays at {_excerpt(reading)} while it captures, got {got}")
+            actual = f"{_excerpt(afterwards)}; is a player controlling the pawn?"
+            raise self._bad_reply(
+                f"a camera that stays at {_excerpt(reading)} while it captures, got {actual}"
+            )
         window = View(pose, self.mask_fov_deg or view.fov_deg, *self._window)
         fov_deg = protocol.fov(fov)
-        actual = View(pose, view.fov_deg if abs(fov_deg - view.fov_deg) <= _PRINTED else fov_deg, *self._size)
-        views = (window if request.mode == "object_mask" else actual for request in requests)
-        shown_by = zip(requests, views, strict=True)
-        return (reading, fov), [self._capture(each, seen, pictures[each.mode]) for each, seen in shown_by]
+        if abs(fov_deg - view.fov_deg) <= _PRINTED:
+            fov_deg = view.fov_deg
+        camera = View(pose, fov_deg, *self._size)
+        captures = []
+        for request in requests:
+            captured = window if request.mode == "object_mask" else camera
+            captures.append(self._capture(request, captured, pictures[request.mode]))
+        return (reading, fov), captures
 
     def _checked_size(self, payload: bytes) -> tuple[int, int]:
         width, height = picture_size(payload)
@@ -163,7 +176,8 @@ class LegacyDriver(CameraDriver):
         location_cm, rotation_deg = view.pose.to_unreal()
         target = np.array([*location_cm, *rotation_deg])
         read = np.array(protocol.numbers(reading, 6))
-        read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]
+        for index in (3, 4, 5):  # angles, as near to those that were set as turns allow
+            read[index] = target[index] + math.remainder(read[index] - target[index], 360)
         off = np.abs(target - read)
         if off[:3].max() > _STRAY_CM:
             why = "a pawn that falls or collides cannot be used, nor a level with a CineCameraActor"

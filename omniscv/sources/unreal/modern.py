@@ -20,7 +20,7 @@ from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 _log = logging.getLogger("omniscv")
 
 _LIMITS_DEG = (1.0, 179.0)  # fields of view that engines do not clamp in silence
-# are set once, to be read back
+# A size and a field of view that are set once, to be read back:
 _TRIED_PX = (64, 48)
 _TRIED_DEG = 100.0
 _TRIED = {"fov": "a field of view, degrees, of", "size": "a size, px, of"}
@@ -73,9 +73,13 @@ class ModernDriver(CameraDriver):
             raise ArgumentError(f"fov_deg: {expected}, got {request.view.fov_deg:.6g}")
 
     def aim(self, before: View | None, view: View) -> list[str]:
+        """Return the commands for what differs between ``before`` and ``view``."""
         known = {} if before is None else _settings(before)
-        changed = {key: value for key, value in _settings(view).items() if known.get(key) != value}
-        return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed.items()]
+        commands = []
+        for key, value in _settings(view).items():
+            if known.get(key) != value:
+                commands.append(f"vset /camera/{self.camera}/{key} {value}")
+        return commands
 
     def _spawn(self, number: int) -> None:
         self.spawned += 1
@@ -98,11 +102,11 @@ class ModernDriver(CameraDriver):
         for what, values in {"fov": (_TRIED_DEG,), "size": _TRIED_PX}.items():
             at = f"/camera/{self.camera}/{what}"
             text = " ".join(map(str, values))
-            done, read = self.connection.texts([f"vset {at} {text}", f"vget {at}"])
-            if done != "ok" or read.startswith("error"):
+            answer, reading = self.connection.texts([f"vset {at} {text}", f"vget {at}"])
+            if answer != "ok" or reading.startswith("error"):
                 return  # M reads no size; a game that has started again lacks the camera: captures find that
-            if not np.allclose(numbers(read, len(values)), values, rtol=0, atol=_SAME_DEG):
-                raise self._refused(f"{_TRIED[what]} {text}, which was set, got {shown(read)}")
+            if not np.allclose(numbers(reading, len(values)), values, rtol=0, atol=_SAME_DEG):
+                raise self._refused(f"{_TRIED[what]} {text}, which was set, got {shown(reading)}")
 
     def expose(self, requests: Requests) -> None:
         colors = [request for request in requests if request.mode == "lit"]
@@ -127,7 +131,9 @@ class ModernDriver(CameraDriver):
     def _matching(self, pose: Pose) -> Exposure:
         """Return the manual exposure that matches the game's own, which is kept if none does."""
         position = self.shared_exposure.position
-        location_cm, _ = (pose if position is None else Pose(position, pose.rotation)).to_unreal()
+        if position is not None:
+            pose = Pose(position, pose.rotation)
+        location_cm, _ = pose.to_unreal()
         if self._matched and (position is None or self._matched[0] == tuple(location_cm)):
             return self._matched[1]
         if self._changed_by_hand:  # an earlier attempt was cut short
@@ -144,7 +150,7 @@ class ModernDriver(CameraDriver):
         if bias is None:
             _log.warning("%s: colours keep the game's own exposure: %s", self.connection.address, why)
         matched: Exposure = "game" if bias is None else bias
-        self._matched = tuple(location_cm), matched
+        self._matched = (tuple(location_cm), matched)
         return matched
 
     def _set_exposure(self, chosen: Exposure) -> None:
@@ -175,7 +181,7 @@ class ModernDriver(CameraDriver):
         return by_hand(self.camera, bias + (stops or 0.0))
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
-        """Yield captures until a frame may be stale.
+        """Yield captures of ``requests``, over a ``client``, until a frame may be stale.
 
         A reply that is cut short swallows bytes of the next frame. So a picture counts only once the next
         reply is in step; the version, requested at the end, follows the last picture, and the scene's name.
@@ -185,14 +191,18 @@ class ModernDriver(CameraDriver):
 
     def _collected(self, client: Client, requests: Requests) -> Iterator[Capture]:
         batch = requests[:1] if self.stale_frames.in_doubt else requests
-        steps = self._steps(batch)
+        plan = _Plan(self)
+        steps = plan.steps(batch)
+        self._stops = plan.stops
         self._aimed = batch[-1].view
         commands = [*(step.command for step in steps), VERSION, *self.connection.scene]
-        replies = client.stream([f"vbatch {len(commands)}"] * self.one_tick + commands)
         if self.one_tick:
+            replies = client.stream([f"vbatch {len(commands)}", *commands])
             self._expect("ok", "vbatch", next(replies))
-        fresh = True
-        complete = None
+        else:
+            replies = client.stream(commands)
+        is_fresh = True
+        complete = None  # a capture that counts once the next reply is in step
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
                 yield complete
@@ -203,75 +213,110 @@ class ModernDriver(CameraDriver):
                 check_location(self.connection.address, step.request.view, str(reply))
             elif step.use != "skip":
                 capture = self._capture(step.request, step.request.view, reply)
-                frame = {capture.mode: capture.payload or b""}
-                if self.one_tick:  # in which no frame becomes fresher
-                    self.stale_frames.note(_sight(step.request), frame)
-                    complete = capture
-                elif fresh and step.use == "reference":
-                    self.stale_frames.note(_sight(step.request), frame)
-                elif fresh and (fresh := self.stale_frames.accepts(_sight(step.request), frame)):
+                is_fresh = is_fresh and self._is_fresh(capture, step.use)
+                if is_fresh and step.use == "keep":
                     complete = capture
         self._expect(self._version, VERSION, next(replies))
         self.connection.compare_scene(replies)
         if complete is not None:
             yield complete
 
+    def _is_fresh(self, capture: Capture, use: str) -> bool:
+        """Return whether a frame is fresh; frames of references, and of one tick, are only remembered."""
+        sight = _sight(capture.request)
+        frame = {capture.mode: capture.payload or b""}
+        if self.one_tick or use == "reference":  # in one tick no frame becomes fresher
+            self.stale_frames.note(sight, frame)
+            return True
+        return self.stale_frames.accepts(sight, frame)
+
     def check_scene(self) -> None:
         """As the driver's; the captures of a turn end with the scene's name, which was compared."""
 
-    def _steps(self, requests: Requests) -> list[Step]:
-        """Return the commands for captures; before a move is a frame of its mode and size to compare."""
-        steps: list[Step] = []
-        aimed = self._aimed
-        stops = self._stops
-        in_doubt = self.stale_frames.in_doubt
-        states = dict(self.stale_frames.states)
-        skips = self.stale_frames.skips()
 
-        def picture(use: Literal["skip", "reference", "keep"], request: Request, count: int = 1) -> None:
-            steps.extend([Step(self.table.image(self.camera, request.mode), use, request)] * count)
+class _Plan:
+    """The commands of one batch of a driver; before a move is a frame of its mode and size to compare.
 
-        def move(request: Request) -> None:
-            nonlocal aimed, stops
-            next_stops = _stops_of(request, stops)
-            commands = self.aim(aimed, request.view) + self._change_stops(stops, next_stops)
-            steps.extend(Step(command, "check") for command in commands)
-            aimed = request.view
-            stops = next_stops
+    Attributes:
+        stops: of the camera's exposure after the batch; None if it is unknown.
+    """
 
-        for number, request in enumerate(requests):
-            view = request.view
-            mode = request.mode
-            if in_doubt or aimed != view or stops != _stops_of(request, stops):
-                before = request
-                if aimed is not None:
-                    shown = stops if mode == "lit" else None
-                    before = replace(request, view=replace(view, pose=aimed.pose), stops=shown)
-                is_known = not in_doubt and states.get(mode) == _sight(before)
-                if not self.one_tick and _sight(before) != _sight(request) and not is_known:
-                    move(before)
-                    picture("skip", before, SETTLED if in_doubt else 0)
-                    picture("reference", before)
-                move(request)
-                if not self.one_tick:
-                    picture("skip", request, max(skips, self._options.warmup if mode == "lit" else 0))
-                    skips = self.stale_frames.lag
-            picture("keep", request)
-            states[mode] = _sight(request)
-            following = requests[number + 1].view if number + 1 < len(requests) else None
-            if following is None or following.key().position != view.key().position:
-                steps.append(Step(f"vget /camera/{self.camera}/location", "where", request))
-        self._stops = stops
-        return steps
+    def __init__(self, driver: ModernDriver) -> None:
+        self._driver = driver
+        self._steps: list[Step] = []
+        self._aimed = driver._aimed
+        self.stops = driver._stops
+        self._in_doubt = driver.stale_frames.in_doubt
+        self._states = dict(driver.stale_frames.states)
+        self._skips = driver.stale_frames.skips()
+
+    def steps(self, requests: Requests) -> list[Step]:
+        """Return the commands for captures of ``requests``."""
+        for request, following in zip(requests, [*requests[1:], None], strict=True):
+            if self._in_doubt or self._aimed != request.view or self._must_expose(request):
+                self._add_move(request)
+            self._add_picture("keep", request)
+            self._states[request.mode] = _sight(request)
+            position = request.view.key().position
+            if following is None or following.view.key().position != position:
+                command = f"vget /camera/{self._driver.camera}/location"
+                self._steps.append(Step(command, "where", request))
+        return self._steps
+
+    def _must_expose(self, request: Request) -> bool:
+        return self.stops != _stops_of(request, self.stops)
+
+    def _add_move(self, request: Request) -> None:
+        """Add the move to a request, after a reference of what is seen before it, unless that is known."""
+        if self._driver.one_tick:
+            self._set(request)
+            return
+        before = self._before(request)
+        is_known = not self._in_doubt and self._states.get(request.mode) == _sight(before)
+        if _sight(before) != _sight(request) and not is_known:
+            self._set(before)
+            self._add_picture("skip", before, SETTLED if self._in_doubt else 0)
+            self._add_picture("reference", before)
+        self._set(request)
+        warmup = self._driver._options.warmup if request.mode == "lit" else 0
+        self._add_picture("skip", request, max(self._skips, warmup))
+        self._skips = self._driver.stale_frames.lag
+
+    def _before(self, request: Request) -> Request:
+        """Return the request with the camera as it is; itself if that is not known."""
+        if self._aimed is None:
+            return request
+        view = replace(request.view, pose=self._aimed.pose)
+        return replace(request, view=view, stops=self.stops if request.mode == "lit" else None)
+
+    def _set(self, request: Request) -> None:
+        """Add the commands that aim and expose the camera for a request."""
+        stops = _stops_of(request, self.stops)
+        commands = self._driver.aim(self._aimed, request.view)
+        commands += self._driver._change_stops(self.stops, stops)
+        for command in commands:
+            self._steps.append(Step(command, "check"))
+        self._aimed = request.view
+        self.stops = stops
+
+    def _add_picture(
+        self, use: Literal["skip", "reference", "keep"], request: Request, count: int = 1
+    ) -> None:
+        command = self._driver.table.image(self._driver.camera, request.mode)
+        self._steps.extend([Step(command, use, request)] * count)
 
 
 def _check_as_before(chosen: Exposure, before: Exposure | None) -> None:
     """Raise ArgumentError for another exposure than the one that a recording's colours have."""
-    known = [value for value in (before, chosen) if value is not None]
-    in_words = ["the game's own" if value == "game" else f"a bias of {value:g}" for value in known]
-    if len(set(in_words)) > 1:
-        advice = "leave exposure out to go on with it, or record into another file"
-        raise ArgumentError("exposure: expected {}, as recorded before, got {}; {}".format(*in_words, advice))
+    if before is None or _in_words(before) == _in_words(chosen):
+        return
+    expected = f"expected {_in_words(before)}, as recorded before, got {_in_words(chosen)}"
+    advice = "leave exposure out to go on with it, or record into another file"
+    raise ArgumentError(f"exposure: {expected}; {advice}")
+
+
+def _in_words(exposure: Exposure) -> str:
+    return "the game's own" if exposure == "game" else f"a bias of {exposure:g}"
 
 
 def _stops_of(request: Request, before: float | None) -> float | None:

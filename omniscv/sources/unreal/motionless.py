@@ -13,29 +13,33 @@ from omniscv.geometry.unreal_frame import position_from_unreal
 from omniscv.sources.base import Capture, View
 from omniscv.sources.unreal.protocol import numbers
 
+# How far a camera may be from where it was set:
 _OFF_CM = 1.0
-_SINGLE = 2.0**-22
-"""How far a camera may be from where it was set: cm, and a share of its coordinates, of single precision."""
+_SINGLE = 2.0**-22  # a share of its coordinates, for single precision
 _DIRECTIONS = 4
 """Directions of views that stand alone at their places, from which on equal pictures are evidence: two may
 look alike. Views of one direction that pass along a plain wall are equal and right."""
 
 
 def check_location(address: str, view: View, reply: str) -> None:
-    """Refuse a camera that is not where a view has it, by the location that the server reports."""
-    if reply.startswith("error"):  # it cannot be asked
+    """Raise MisplacedCameraError for a camera that is not where a view has it.
+
+    Args:
+        address: of the server, for the message.
+        view: what is captured.
+        reply: the location that the server reports, cm; an error if it cannot report it, which is accepted.
+    """
+    if reply.startswith("error"):
         return
     expected_cm, _ = view.pose.to_unreal()
-    found_cm = np.array(numbers(reply, 3))
-    if np.abs(found_cm - expected_cm).max() <= _OFF_CM + _SINGLE * np.abs(expected_cm).max():
+    actual_cm = np.array(numbers(reply, 3))
+    if np.abs(actual_cm - expected_cm).max() <= _OFF_CM + _SINGLE * np.abs(expected_cm).max():
         return
-    wanted = _metres(view.pose.position)
-    got = _metres(position_from_unreal(found_cm))
-    away = np.linalg.norm(found_cm - expected_cm) / 100
+    expected = f"expected a camera at {_metres(view.pose.position)}"
+    away_m = np.linalg.norm(actual_cm - expected_cm) / 100
+    actual = f"got {away_m:.3g} m away, at {_metres(position_from_unreal(actual_cm))}"
     why = "a collision, or the game itself, moves it, or keeps it where it was"
-    raise MisplacedCameraError(
-        f"{address}: expected a camera at {wanted}, got {away:.3g} m away, at {got}: {why}"
-    )
+    raise MisplacedCameraError(f"{address}: {expected}, {actual}: {why}")
 
 
 class Unmoved:
@@ -75,17 +79,24 @@ def all_alike(captures: Sequence[Capture]) -> bool:
 
     Masks alone are no evidence, as one object may be all around, nor is depth of the sky alone.
     """
-    says = {capture.mode for capture in captures if capture.mode == "lit" or _has_shapes(capture)}
+    telling_modes: set[str] = set()
     pictures: dict[tuple[Any, ...], set[bytes]] = defaultdict(set)
     poses: dict[tuple[Any, ...], set[Hashable]] = defaultdict(set)
     for capture in captures:
+        if capture.mode == "lit" or _has_shapes(capture):
+            telling_modes.add(capture.mode)
         view = capture.view
-        kind = capture.mode, view.width, view.height, view.fov_deg, capture.request.stops
+        kind = (capture.mode, view.width, view.height, view.fov_deg, capture.request.stops)
         pictures[kind].add(capture.payload or capture.pixels.tobytes())
         poses[kind].add((view.key().position, view.key().rotation))
-    compared = [kind for kind in pictures if len(poses[kind]) > 1]
-    is_evidence = any(kind[0] in says for kind in compared)
-    return is_evidence and all(len(pictures[kind]) == 1 for kind in compared)
+    is_evidence = False
+    for kind, shown in pictures.items():
+        if len(poses[kind]) == 1:
+            continue
+        if len(shown) > 1:
+            return False
+        is_evidence |= kind[0] in telling_modes
+    return is_evidence
 
 
 def _has_shapes(capture: Capture) -> bool:

@@ -3,7 +3,7 @@
 import itertools
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.protocol import BOUNDS, OBJECTS, VERTICES, Reply, names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
-_EXACT = (0, *(value for value in range(122, 256) if value != 145))
+_EXACT = (0, *range(122, 145), *range(146, 256))
 """Channel values that every dialect shows as they are set (protocol reference, section 5.2)."""
 _FAR_APART = (135, 151, 167, 183, 199, 215, 231)  # the values that are used first
 
@@ -42,15 +42,22 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     section 5.1), and objects that were spawned late are in no mask and no depth until their colour is set
     (section 2.5).
 
-    Raises ServerRefusedError if a colour that must change is refused, or one is not kept.
+    Args:
+        connection: to the game.
+        vertex_colors: whether masks change dark colours, as those of plugin 0.3.10.
+
+    Raises:
+        ServerRefusedError: a colour that must change is refused, or one is not kept.
     """
     used = {(0, 0, 0)}  # the background's
-    free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
+    candidates = itertools.chain(
+        itertools.product(_FAR_APART, _FAR_APART, _FAR_APART), itertools.product(_EXACT, _EXACT, _EXACT)
+    )
     painted: dict[str, Color] = {}
     changed = set()
     for name, color in colors(connection).items():
         if color in used or (vertex_colors and vertex_color_roundtrip(color) != color):
-            color = next(unused for unused in free if unused not in used)
+            color = next(candidate for candidate in candidates if candidate not in used)
             changed.add(name)
         used.add(color)
         painted[name] = color
@@ -58,22 +65,26 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     for name, command, reply in zip(painted, commands, connection.texts(commands), strict=True):
         if reply != "ok" and name in changed:
             raise ServerRefusedError(f"{connection.address}: {shown(command)} was refused: {shown(reply)}")
-    for (name, color), actual in zip(painted.items(), _read(connection, painted), strict=True):
-        if actual != color:
-            expected = f"mask colour {color} of {shown(name)}, which was set"
+    for name, actual in zip(painted, _read(connection, painted), strict=True):
+        if actual != painted[name]:
+            expected = f"mask colour {painted[name]} of {shown(name)}, which was set"
             raise ServerRefusedError(f"{connection.address}: expected {expected}, got {actual}")
 
 
 def object_table(connection: Connection, vertex_colors: bool) -> ObjectTable:
-    """Return the objects of the scene and the colours that masks show; arguments as for :func:`paint`."""
+    """Return the objects of the scene and the colours that masks show.
+
+    They are read over a ``connection``; with ``vertex_colors``, masks change dark ones.
+    """
     table = colors(connection)
     if vertex_colors:
-        table = {name: vertex_color_roundtrip(color) for name, color in table.items()}
+        for name in table:
+            table[name] = vertex_color_roundtrip(table[name])
     return ObjectTable(table, _TOLERANCE)
 
 
 def paint_command(name: str, color: Color) -> str:
-    """Return the command that sets an object's mask colour."""
+    """Return the command that sets the mask ``color`` of the object ``name``."""
     return "vset /object/{}/color {} {} {}".format(name, *color)
 
 
@@ -86,15 +97,17 @@ def colors(connection: Connection) -> dict[str, Color]:
 def parse_color(reply: str) -> Color:
     """Return the three numbers of ``(R=127,G=63,B=255,A=255)``; BadReplyError for a reply of another form."""
     match = re.fullmatch(r"\(R=(\d{1,3}),G=(\d{1,3}),B=(\d{1,3}),A=\d{1,3}\)", reply, re.ASCII)
-    r, g, b = (256, 256, 256) if match is None else (int(value) for value in match.groups())
-    if max(r, g, b) > 255:
-        raise BadReplyError(f"expected a colour such as (R=127,G=63,B=255,A=255), got {shown(reply)}")
-    return r, g, b
+    if match is not None:
+        color = (int(match[1]), int(match[2]), int(match[3]))
+        if max(color) <= 255:
+            return color
+    raise BadReplyError(f"expected a colour such as (R=127,G=63,B=255,A=255), got {shown(reply)}")
 
 
 def _read(connection: Connection, objects: Iterable[str]) -> list[Color]:
     """Return the mask colours of objects, as set."""
-    return [parse_color(reply) for reply in connection.texts([f"vget /object/{o}/color" for o in objects])]
+    commands = [f"vget /object/{name}/color" for name in objects]
+    return list(map(parse_color, connection.texts(commands)))
 
 
 def vertex_color_roundtrip(color: Color) -> Color:
@@ -103,8 +116,14 @@ def vertex_color_roundtrip(color: Color) -> Color:
     It paints vertices with ``floor((c/255)^2.2 * 255.999)``, which masks show as ``round((v/255)^(1/2.2) *
     255)`` (protocol reference, section 5.2). Black stays black, and from 122 up only 145 changes.
     """
-    r, g, b = (round((math.floor((c / 255) ** 2.2 * 255.999) / 255) ** (1 / 2.2) * 255) for c in color)
-    return r, g, b
+    red, green, blue = color
+    return _vertex_level(red), _vertex_level(green), _vertex_level(blue)
+
+
+def _vertex_level(level: int) -> int:
+    """Return the level, 0..255, that masks of plugin 0.3.10 show for that of an object's colour."""
+    vertex = math.floor((level / 255) ** 2.2 * 255.999)
+    return round(float((vertex / 255) ** (1 / 2.2)) * 255)
 
 
 def boxes(
@@ -113,32 +132,58 @@ def boxes(
     """Return the boxes of objects by name; objects without a shape have none.
 
     Vertices give a box along the object's own axes, or along turned ones where it is tighter; bounds give one
-    along the world's axes, for the remaining objects after ``most_vertices``. Raises BadReplyError for a
-    reply that is neither numbers nor an error.
+    along the world's axes.
+
+    Args:
+        connection: to the game.
+        names: of the objects.
+        most_vertices: of all objects; after so many, the remaining ones get a box of their bounds.
+
+    Raises:
+        BadReplyError: a reply that is neither numbers nor an error.
     """
-    known = [what for what, template in _QUERIES.items() if connection.supports(template)]
+    known = [what for what in _QUERIES if connection.supports(_QUERIES[what])]
     if not known:
         return {}
     known.append("rotation")
-    result: dict[str, ObjectBox] = {}
+    by_name: dict[str, ObjectBox] = {}
     vertices = 0
     for start in range(0, len(names), _BATCH):
-        batch = names[start : start + _BATCH]
         if vertices > most_vertices and "bounds" in known:
             known = ["bounds"]
-        commands = [f"vget /object/{name}/{what}" for name in batch for what in known]
-        answers = iter(connection.read(commands, _numbers))
-        for name in batch:
-            row = {what: next(answers) for what in known}
+        for name, row in _rows(connection, names[start : start + _BATCH], known):
             points = row.get("vertex_location")
-            vertices += 0 if points is None else len(points)
-            bounds = row.get("bounds")
-            rotation = row.get("rotation")
             if points is not None:
-                result[name] = _around(points, np.zeros(3) if rotation is None else rotation)
-            elif bounds is not None and (box := upright_box(bounds)):
-                result[name] = box
-    return result
+                vertices += len(points)
+            box = _box_of(row)
+            if box is not None:
+                by_name[name] = box
+    return by_name
+
+
+_Row = dict[str, Array | None]
+"""By query, the numbers that an object has: (N, 3) vertices, (2, 3) bounds, (3,) rotation; None without."""
+
+
+def _rows(connection: Connection, names: Sequence[str], queries: Sequence[str]) -> Iterator[tuple[str, _Row]]:
+    """Yield what is known of each of some objects, which are queried together."""
+    commands = []
+    for name in names:
+        for what in queries:
+            commands.append(f"vget /object/{name}/{what}")
+    answers = iter(connection.read(commands, _numbers))
+    for name in names:
+        yield name, {what: next(answers) for what in queries}
+
+
+def _box_of(row: _Row) -> ObjectBox | None:
+    """Return the box of an object; None if it has no shape."""
+    points = row.get("vertex_location")
+    rotation = row.get("rotation")
+    bounds = row.get("bounds")
+    if points is not None:
+        return _around(points, np.zeros(3) if rotation is None else rotation)
+    return None if bounds is None else upright_box(bounds)
 
 
 def upright_box(bounds_cm: Array) -> ObjectBox | None:
@@ -183,7 +228,8 @@ def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
 
 def _box(points: Array, axes: Array) -> ObjectBox:
     along = points @ axes.T
-    low, high = along.min(axis=0), along.max(axis=0)
+    low = along.min(axis=0)
+    high = along.max(axis=0)
     return ObjectBox.of((low + high) / 2 @ axes, axes, high - low, "vertices")
 
 
@@ -201,11 +247,15 @@ def _upright_axes(points: Array) -> Array:
         hull = points[:2, :2]
     x, y = (np.roll(hull, -1, axis=0) - hull).T
     angles = (np.arctan2(y, x) + np.pi / 4) % (np.pi / 2) - np.pi / 4
-    across, along = (
-        np.ptp(np.outer(hull[:, 0], np.cos(a)) + np.outer(hull[:, 1], np.sin(a)), axis=0)
-        for a in (angles, angles + np.pi / 2)
-    )
-    areas = across * along
+    areas = _widths(hull, angles) * _widths(hull, angles + np.pi / 2)
     smallest = angles[areas <= areas.min() * _SAME_AREA]
-    a = smallest[np.abs(smallest).argmin()]
-    return np.array([[np.cos(a), np.sin(a), 0.0], [-np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    angle = smallest[np.abs(smallest).argmin()]
+    c = np.cos(angle)
+    s = np.sin(angle)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _widths(points: Array, angles: Array) -> Array:
+    """Return (A,) how far points (N, 2) reach along each of the directions at angles (A,), radians."""
+    along = np.outer(points[:, 0], np.cos(angles)) + np.outer(points[:, 1], np.sin(angles))
+    return np.asarray(np.ptp(along, axis=0))

@@ -3,7 +3,6 @@
 Versions do not identify a dialect (protocol reference, section 0), so the server is asked for its commands.
 """
 
-import math
 import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -75,17 +74,18 @@ class CameraTable:
     vertex_colors: bool  # whether masks change dark colours
 
     def image(self, camera: int, mode: str) -> str:
-        """Return the command for a picture."""
+        """Return the command for a picture in a ``mode`` of the ``camera`` of a number."""
         return f"vget /camera/{camera}/{self.images[mode][0]}"
 
     def capabilities(self, dialect: str) -> Capabilities:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
-        exposes = EXPOSURE_METHOD in DIALECTS[dialect].commands
-        modes = frozenset(self.images)
-        sized = self.can_set_size
-        varies = frozenset(("objects", "commands"))
         return Capabilities(
-            modes, sized, can_set_tall=False, can_set_exposure=exposes, dialect=dialect, varies=varies
+            modes=frozenset(self.images),
+            can_set_size=self.can_set_size,
+            can_set_tall=False,
+            can_set_exposure=EXPOSURE_METHOD in DIALECTS[dialect].commands,
+            dialect=dialect,
+            varies=frozenset(("objects", "commands")),
         )
 
     @property
@@ -107,7 +107,7 @@ LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False,
 
 
 def read_frame(receive: Callable[[int], bytes]) -> bytes:
-    """Return the payload of the next frame, by a function such as ``socket.recv``.
+    """Return the payload of the next frame; ``receive`` is a function such as ``socket.recv``.
 
     Raises BadReplyError for wrong magic, or a payload that is empty or larger than ``MAX_PAYLOAD``,
     ConnectionError if the stream ends before.
@@ -153,10 +153,10 @@ def checked(text: str) -> str:
 def numbers(reply: Reply, count: int) -> list[float]:
     """Return the numbers, separated by spaces, of a reply; BadReplyError if not ``count``, up to 1e9 each."""
     try:
-        values = [float(word) for word in reply[:_MAX_NUMBERS].split()]
+        values = list(map(float, reply[:_MAX_NUMBERS].split()))
     except ValueError:
         values = []
-    small = all(math.isfinite(value) and abs(value) <= _MAX_NUMBER for value in values)
+    small = all(abs(value) <= _MAX_NUMBER for value in values)  # False for NaN, too
     if len(reply) > _MAX_NUMBERS or len(values) != count or not small:
         raise BadReplyError(f"expected {count} numbers of at most {_MAX_NUMBER:g}, got {shown(reply[:100])}")
     return values
@@ -185,12 +185,17 @@ def names(reply: str) -> list[str]:
     return [name(word) for word in words]
 
 
+_SIGNATURES = {b"\x89PNG": "PNG", b"\x93NUM": "NPY", b"BM": "BMP"}
+
+
 def described(reply: Reply) -> str:
     """Return a reply that is text; the size and format of a binary one."""
     if isinstance(reply, str):
         return reply
-    formats = {b"\x89PNG": "PNG", b"\x93NUM": "NPY", b"BM": "BMP"}
-    form = next((name for start, name in formats.items() if reply.startswith(start)), "binary")
+    form = "binary"
+    for start, name in _SIGNATURES.items():
+        if reply.startswith(start):
+            form = name
     size = ""
     if form in ("PNG", "NPY"):
         with suppress(BadReplyError):
@@ -224,7 +229,8 @@ class Asked(Protocol):
 
     address: str
 
-    def read(self, commands: Sequence[str], reader: Callable[[str, Reply], T]) -> list[T]: ...
+    def read(self, commands: Sequence[str], reader: Callable[[str, Reply], T]) -> list[T]:
+        """Return ``reader(command, reply)`` of each of the ``commands``."""
 
 
 @dataclass(frozen=True)
@@ -275,6 +281,7 @@ def _first_match(connection: Asked, command: str, *patterns: str) -> str:
     """Return the first of some patterns that the reply to a command begins with."""
 
     def match(command: str, reply: Reply) -> str:
+        """Return the first pattern that the ``reply`` to a ``command`` begins with."""
         for pattern in patterns:
             if isinstance(reply, str) and re.match(pattern, reply, re.ASCII):
                 return pattern

@@ -138,10 +138,13 @@ class UnrealSource(Source):
             return object_poses(self._connection, objects)
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        known = super().variable(kind)
+        settings = dict(super().variable(kind))
         with self._journal.turn():
-            moving = set(movable_objects(self._connection)) if known else set()
-        return {name: known[name] if name in moving else STATIC_SETTINGS for name in known}
+            movable = set(movable_objects(self._connection)) if settings else set()
+        for name in settings:
+            if name not in movable:
+                settings[name] = STATIC_SETTINGS
+        return settings
 
     def command(self, text: str) -> str:
         """Send a command of the plugin, and return its reply; of a binary one, its size and format.
@@ -213,8 +216,9 @@ class UnrealSource(Source):
         raise self._unsteady()
 
     def _unsteady(self) -> ServerConnectionError:
-        got = f"got {_MOST_CONNECTIONS} in a row that broke; is the game restarting?"
-        return ServerConnectionError(f"{self._connection.address}: expected a connection that lasts, {got}")
+        expected = f"{self._connection.address}: expected a connection that lasts"
+        actual = f"{_MOST_CONNECTIONS} in a row that broke"
+        return ServerConnectionError(f"{expected}, got {actual}; is the game restarting?")
 
     def _captures_of_turn(self, requests: list[Request]) -> Iterator[Capture]:
         """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""
@@ -295,9 +299,13 @@ def connect(
     freeze: Freeze | None = None,
     scene: Scene | None = None,
 ) -> UnrealSource:
-    """Return a server as a source, whatever its dialect; the connection is closed with it.
+    """Return a server as a source, whatever its dialect.
 
-    ``scene`` is the mock server's: its room is known, and whether it has objects that move by themselves.
+    Args:
+        connection: to the server; it is closed with the source.
+        options: how the camera is exposed.
+        freeze: how the world is kept at an instant; None if it is not said, and the world may stand still.
+        scene: the mock server's: its room is known, and whether it has objects that move by themselves.
     """
     try:
         return UnrealSource(connection, open_driver(connection, options), freeze, scene)
@@ -307,11 +315,15 @@ def connect(
 
 
 def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> CameraDriver:
-    """Return a server's camera driver, not yet attached; ServerRefusedError for options it does not have."""
+    """Return the camera driver of the server of a ``connection``, not yet attached.
+
+    Raises:
+        ServerRefusedError: the server lacks what the ``options`` ask for.
+    """
     if options.exposure not in (None, "game") and not connection.supports(EXPOSURE_METHOD):
         expected = "expected a server that sets the exposure of one camera (N2 or later)"
-        got = f"got dialect {connection.plugin.dialect}; use fix_exposure"
-        raise ServerRefusedError(f"{connection.address}: {expected}, {got}")
+        actual = f"dialect {connection.plugin.dialect}"
+        raise ServerRefusedError(f"{connection.address}: {expected}, got {actual}; use fix_exposure")
     if connection.plugin.dialect != "0.3.10":
         return ModernDriver(connection, options)
     return LegacyDriver(connection, options)

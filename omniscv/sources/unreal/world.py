@@ -1,7 +1,7 @@
 """The running world behind a live source: its objects and its clock, and how it is kept at an instant."""
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Literal
@@ -71,6 +71,7 @@ class UnrealWorld(World):
         return box
 
     def move(self, name: str, pose: Pose) -> None:
+        """Move the object ``name`` to a ``pose``, and wait until captures show it."""
         with self._turn_for(name):
             self._place({name: pose})
             self._driver.settle()
@@ -79,10 +80,10 @@ class UnrealWorld(World):
         with self._turn_for(name):
             with self._journal.unless_refused():
                 if self._journal.value("hidden", name):
-                    self._journal.note("hidden", name, None, (f"vset /object/{name}/hide",))
+                    self._journal.note("hidden", name, None, (_hide_command(name),))
                 else:  # whether it was hidden cannot be read, so this cannot be put back
                     self._journal.note("shown", name, True)
-                self._connection.set([f"vset /object/{name}/show"])
+                self._connection.set([_show_command(name)])
             self._driver.settle()
 
     def hide(self, name: str) -> None:
@@ -158,19 +159,29 @@ class UnrealWorld(World):
     def hide_all(
         self, objects: Iterable[str], what: Literal["hidden", "left out", "drawn out"] = "hidden"
     ) -> None:
-        """Hide objects in the world, or leave them out of captures alone; within a turn and an open layer."""
+        """Hide ``objects`` in the world, or leave them out of captures alone.
+
+        To be used within a turn and an open layer; ``what`` is the kind of change that the journal notes.
+        """
         new = [name for name in objects if not self._journal.value(what, name)]
-        invisible = {name for kind in UNSEEN for name in self._journal.named(kind)}
+        invisible = set(self._hidden())
         visible = [name for name in new if name not in invisible]
-        back = {name: f"vset /object/{name}/show" for name in visible}
         with self._journal.unless_refused():
             for name in new:
-                self._journal.note(what, name, True, (back[name],) if name in back else ())
+                undo = () if name in invisible else (_show_command(name),)
+                self._journal.note(what, name, True, undo)
             try:
-                self._connection.set([f"vset /object/{name}/hide" for name in visible])
+                self._connection.set(list(map(_hide_command, visible)))
             except ServerRefusedError:
-                self._connection.texts(list(back.values()))
+                self._connection.texts(list(map(_show_command, visible)))
                 raise
+
+    def _hidden(self) -> list[str]:
+        """Return the objects that are hidden for any reason, those of a kind of change together."""
+        hidden: list[str] = []
+        for kind in UNSEEN:
+            hidden += self._journal.named(kind)
+        return hidden
 
     def set_again(self) -> None:
         """Repeat all settings over a new connection: the game may have started anew."""
@@ -184,8 +195,7 @@ class UnrealWorld(World):
             raise ServerRefusedError(f"{address}: expected objects where they were read, got them elsewhere")
         self._connection.set(pose_commands({**self._journal.named("pose"), **self._journal.named("drawn")}))
         self._connection.ask(_commands(self._journal.instant))
-        hidden = [name for kind in UNSEEN for name in self._journal.named(kind)]
-        self._connection.set([f"vset /object/{name}/hide" for name in hidden])
+        self._connection.set(list(map(_hide_command, self._hidden())))
 
     def put_back(self, layer: Layer) -> None:
         """Undo a layer's changes, the last one first; a refusal does not stop the others. Nothing once it is
@@ -202,7 +212,8 @@ class UnrealWorld(World):
                 try:
                     self._undo(layer, keys)
                 except ServerRefusedError as refused:
-                    fault = fault or refused
+                    if fault is None:
+                        fault = refused
                     for key in keys:
                         with suppress(ServerRefusedError):
                             self._undo(layer, [key])
@@ -237,11 +248,12 @@ class UnrealWorld(World):
     def _place(self, poses: Mapping[str, Pose], what: Literal["pose", "drawn"] = "pose") -> None:
         """Move and turn objects; if one cannot be moved, restore all and raise ServerRefusedError."""
         texts = locations_and_rotations(self._connection, poses)
-        before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
-        back = {name: set_commands(name, *values) for name, values in before.items()}
+        restoring: list[str] = []
         with self._journal.unless_refused():
-            for name, pose in poses.items():
-                self._journal.note(what, name, pose, back[name])
+            for name, location, rotation in zip(poses, texts[::2], texts[1::2], strict=True):
+                undo = set_commands(name, location, rotation)
+                restoring += undo
+                self._journal.note(what, name, poses[name], undo)
             try:
                 try:
                     self._connection.set(pose_commands(poses))
@@ -250,7 +262,7 @@ class UnrealWorld(World):
                     raise
                 self._check_placed(poses)  # the others reply ok
             except ServerRefusedError:
-                self._connection.texts([command for commands in back.values() for command in commands])
+                self._connection.texts(restoring)
                 raise
 
     def _check_placed(self, poses: Mapping[str, Pose]) -> None:
@@ -264,11 +276,17 @@ class UnrealWorld(World):
                     raise ServerRefusedError(f"{address}: {expected}, whose mobility is {shown(mobility)}")
 
     def _undo(self, layer: Layer, keys: list[Key]) -> None:
-        undos = [layer[key][1] for key in keys]
-        self._connection.set([command for undo in undos if not callable(undo) for command in undo])
-        for undo in undos:
+        commands: list[str] = []
+        functions: list[Callable[[], None]] = []
+        for key in keys:
+            _, undo = layer[key]
             if callable(undo):
-                undo()
+                functions.append(undo)
+            else:
+                commands += undo
+        self._connection.set(commands)
+        for function in functions:
+            function()
         for key in keys:
             self._journal.undone(layer, key)
 
@@ -280,8 +298,19 @@ class UnrealWorld(World):
 
 def _commands(instant: Instant) -> list[str]:
     """Return the commands of draws; no reply says what was before, so they stay until the next draw."""
-    kinds = (instant.varied.get(kind, {}) for kind in ("lights", "materials"))
-    return [settings["command"] for by_name in kinds for settings in by_name.values()]
+    commands = []
+    for kind in ("lights", "materials"):
+        for settings in instant.varied.get(kind, {}).values():
+            commands.append(settings["command"])
+    return commands
+
+
+def _show_command(name: str) -> str:
+    return f"vset /object/{name}/show"
+
+
+def _hide_command(name: str) -> str:
+    return f"vset /object/{name}/hide"
 
 
 def _steps(layer: Layer) -> list[list[Key]]:
