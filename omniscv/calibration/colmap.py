@@ -17,40 +17,64 @@ import numpy as np
 
 from omniscv.arguments import numbers, shown, within, wrong
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Form
+from omniscv.calibration.forms import Form, Layout, PoseMatrix, Reading, Writing
 from omniscv.calibration.intrinsics import check_first_is_origin
+from omniscv.calibration.keys import Model, ModelName, Number, array
 from omniscv.calibration.nodes import Values, whole
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import ORIGIN, Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
-_MODELS = """
-< SIMPLE_PINHOLE pinhole PARAMS=f,cx,cy
-PINHOLE pinhole PARAMS=fx,fy,cx,cy
-< SIMPLE_RADIAL pinhole PARAMS=f,cx,cy,k1
-< RADIAL pinhole PARAMS=f,cx,cy,k1,k2
-OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2
-OPENCV_FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy,k1,k2,k3,k4
-FULL_OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,k5,k6
-FOV field-of-view PARAMS=fx,fy,cx,cy,omega
-< SIMPLE_RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1
-< RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1,k2
-THIN_PRISM_FISHEYE - PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,s1,s2
-RAD_TAN_THIN_PRISM_FISHEYE fisheye624 PARAMS=fx,fy,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1,s0,s1,s2,s3
-SIMPLE_DIVISION division PARAMS=f,cx,cy,k
-< DIVISION division PARAMS=fx,fy,cx,cy,k
-< SIMPLE_FISHEYE kannala-brandt PARAMS=f,cx,cy
-< FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy
-EUCM extended-unified PARAMS=fx,fy,cx,cy,alpha,beta
-EQUIRECTANGULAR equirectangular PARAMS=W,H
-"""
-"""In the order of COLMAP's ids, which its binary files hold; "-" is no model of ours.
+
+def _model(word: str, name: ModelName, *numbers: Number, read_only: bool = False) -> Model:
+    """Return a model by COLMAP's word, our name, and the numbers of its parameters."""
+    return Model(name, (array("PARAMS", *numbers),), (word,), read_only)
+
+
+_K: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
+_RADTAN8: tuple[Number, ...] = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_FISHEYE624: tuple[Number, ...] = ("k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3")
+_BEFORE_THIN_PRISM = (
+    _model("SIMPLE_PINHOLE", "pinhole", "f", "cx", "cy", read_only=True),
+    _model("PINHOLE", "pinhole", *_K),
+    _model("SIMPLE_RADIAL", "pinhole", "f", "cx", "cy", "k1", read_only=True),
+    _model("RADIAL", "pinhole", "f", "cx", "cy", "k1", "k2", read_only=True),
+    _model("OPENCV", "pinhole", *_K, "k1", "k2", "p1", "p2"),
+    _model("OPENCV_FISHEYE", "kannala-brandt", *_K, "k1", "k2", "k3", "k4"),
+    _model("FULL_OPENCV", "pinhole", *_K, *_RADTAN8),
+    _model("FOV", "field-of-view", *_K, "omega"),
+    _model("SIMPLE_RADIAL_FISHEYE", "kannala-brandt", "f", "cx", "cy", "k1", read_only=True),
+    _model("RADIAL_FISHEYE", "kannala-brandt", "f", "cx", "cy", "k1", "k2", read_only=True),
+)
+_AFTER_THIN_PRISM = (
+    _model("RAD_TAN_THIN_PRISM_FISHEYE", "fisheye624", *_K, *_FISHEYE624),
+    _model("SIMPLE_DIVISION", "division", "f", "cx", "cy", "k"),
+    _model("DIVISION", "division", *_K, "k", read_only=True),
+    _model("SIMPLE_FISHEYE", "kannala-brandt", "f", "cx", "cy", read_only=True),
+    _model("FISHEYE", "kannala-brandt", *_K, read_only=True),
+    _model("EUCM", "extended-unified", *_K, "alpha", "beta"),
+    _model("EQUIRECTANGULAR", "equirectangular", "W", "H"),
+)
+_MODELS = _BEFORE_THIN_PRISM + _AFTER_THIN_PRISM
+"""In the order of COLMAP's ids, which its binary files hold; THIN_PRISM_FISHEYE is no model of ours.
 
 Special cases of others are only read: many programs that read COLMAP's files do not know them.
 """
-_IDS = [line.removeprefix("< ").split() for line in _MODELS.strip().splitlines()]
-NAMES = tuple(words[0] for words in _IDS)
+
+
+def _words_and_counts(models: tuple[Model, ...]) -> list[tuple[str, int]]:
+    """Return COLMAP's word of each model and the number of its parameters."""
+    return [(str(model.words[0]), len(model.keys[0].numbers)) for model in models]
+
+
+_IDS = [
+    *_words_and_counts(_BEFORE_THIN_PRISM),
+    ("THIN_PRISM_FISHEYE", 12),
+    *_words_and_counts(_AFTER_THIN_PRISM),
+]
+"""Name and number of parameters of every model, by COLMAP's id."""
+NAMES = tuple(name for name, _ in _IDS)
 
 
 def _lenses(content: Content) -> dict[str, Values]:
@@ -69,8 +93,12 @@ def _lenses(content: Content) -> dict[str, Values]:
             name = str(whole("CAMERA_ID", words[0]))
             if name in cameras:
                 raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
-            cameras[name] = dict(zip(("MODEL", "WIDTH", "HEIGHT"), words[1:4], strict=True))
-            cameras[name]["PARAMS"] = words[4:]
+            cameras[name] = {
+                "MODEL": words[1],
+                "WIDTH": words[2],
+                "HEIGHT": words[3],
+                "PARAMS": words[4:],
+            }
     return cameras
 
 
@@ -81,8 +109,7 @@ def _of_binary(data: bytes) -> str:
     try:
         for _ in range(struct.unpack_from("<Q", data)[0]):
             camera_id, model, width, height = struct.unpack_from("<IIQQ", data, at)
-            name, _, params = _IDS[model]
-            count = params.count(",") + 1
+            name, count = _IDS[model]
             values = struct.unpack_from(f"<{count}d", data, at + 24)
             lines.append(" ".join(map(str, [camera_id, name, width, height, *values])))
             at += 24 + 8 * count
@@ -92,24 +119,32 @@ def _of_binary(data: bytes) -> str:
 
 
 class Colmap(Form):
-    """The row of COLMAP; names are ids, and a comment tells cameras that COLMAP sees in part."""
+    """The form of COLMAP; names are ids, and a comment tells cameras that COLMAP sees in part."""
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
+        """Return the ``cameras.txt`` of cameras by id.
+
+        Args:
+            cameras: by names that are whole numbers.
+            rig: whether they are a rig, whose poses stand in another file.
+            suffix: of the file's name, which does not matter.
+        """
         return write_colmap({name: mounted.camera for name, mounted in cameras.items()})
 
 
 COLMAP = Colmap(
     "colmap",
     "COLMAP, GLOMAP: cameras.txt, cameras.bin",
-    "MODEL PARAMS",
-    "\n".join(line for line in _MODELS.strip().splitlines() if " - " not in line),
-    word="MODEL",
-    size="WIDTH HEIGHT",
-    shift=0.0,
-    split=_lenses,
-    poses=(("rigs.txt", "T_c_b"),),
-    label="{1}",
-    from_first=True,
+    marks=("MODEL", "PARAMS"),
+    layout=Layout(
+        models=_MODELS,
+        word=("MODEL",),
+        size=("WIDTH", "HEIGHT"),
+        shift_px=0.0,
+        poses=(PoseMatrix("rigs.txt", "T_c_b"),),
+    ),
+    reading=Reading(split=_lenses),
+    writing=Writing(label="{1}", from_first=True),
     refused="THIN_PRISM_FISHEYE, DIVISION with two focal lengths",
 )
 
@@ -157,9 +192,18 @@ def pose_of(words: list[str]) -> Pose:
 
 
 def rig_from_colmap(cameras: str, rigs: str) -> Rig:
-    """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference."""
-    known = {name: entry.camera for name, entry in COLMAP.read(Content(cameras)).items()}
-    lines = [words for line in rigs.splitlines() if (words := line.partition("#")[0].split())]
+    """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference.
+
+    Args:
+        cameras: the text of ``cameras.txt``.
+        rigs: the text of ``rigs.txt``.
+
+    Raises:
+        ArgumentError: texts of another form, or several rigs.
+    """
+    lenses = COLMAP.read(Content(cameras))
+    lines = [line.partition("#")[0].split() for line in rigs.splitlines()]
+    lines = [words for words in lines if words]
     if len(lines) != 1 or len(lines[0]) < 4:
         raise wrong("rigs.txt", "one line 'RIG_ID NUM_SENSORS CAMERA ID ...'", lines)
     _, count, *words = lines[0]
@@ -169,14 +213,14 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
         words = words[2:]
         pose = ORIGIN
         with within(f"rigs.txt: sensor {name}"):
-            if sensor != "CAMERA" or name not in known or name in sensors:
+            if sensor != "CAMERA" or name not in lenses or name in sensors:
                 raise ArgumentError(f"expected each sensor a CAMERA of cameras.txt, got {shown(sensor)}")
             if sensors:
                 if words[:1] != ["1"]:
                     raise ArgumentError(f"expected HAS_POSE 1, got {shown(words[:1])}")
                 pose = pose_of(words[1:8])
                 words = words[8:]
-            sensors[name] = RigCamera(known[name], pose)
+            sensors[name] = RigCamera(lenses[name].camera, pose)
     if len(sensors) != whole("NUM_SENSORS", count):
         raise ArgumentError(f"rigs.txt: NUM_SENSORS: expected {len(sensors)}, as listed, got {count}")
     return Rig(sensors)
@@ -185,25 +229,42 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
 def rig_to_colmap(rig: Rig) -> tuple[str, str]:
     """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by their ids."""
     check_first_is_origin(rig.cameras, "COLMAP")
+    lenses: dict[str, Camera] = {}
+    poses: dict[int, Pose] = {}
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:
             raise wrong(f"{name}: time_offset", "0, as COLMAP carries none", mounted.time_offset)
-    cameras = write_colmap({name: mounted.camera for name, mounted in rig.cameras.items()})
-    return cameras, rig_line(1, {int(name): mounted.pose for name, mounted in rig.cameras.items()}) + "\n"
+        lenses[name] = mounted.camera
+    text = write_colmap(lenses)
+    for name, mounted in rig.cameras.items():
+        poses[int(name)] = mounted.pose
+    return text, rig_line(1, poses) + "\n"
 
 
 def rig_line(rig_id: int, sensors: Mapping[int, Pose]) -> str:
-    """Return a rig's line of ``rigs.txt``, of poses in one frame by the ids of cameras; the first camera is
-    COLMAP's reference."""
+    """Return a rig's line of ``rigs.txt``.
+
+    Args:
+        rig_id: the rig's number, ``rig_id``.
+        sensors: poses in one frame by the ids of cameras; the first camera is COLMAP's reference.
+    """
     (reference, T_rig_ref), *others = sensors.items()
     T_ref_rig = T_rig_ref.inverse()
-    words = [f"CAMERA {camera_id} 1 {pose_words(T_ref_rig @ pose)}" for camera_id, pose in others]
-    return " ".join([f"{rig_id} {len(sensors)} CAMERA {reference}", *words])
+    words = [f"{rig_id} {len(sensors)} CAMERA {reference}"]
+    for camera_id, pose in others:
+        words.append(f"CAMERA {camera_id} 1 {pose_words(T_ref_rig @ pose)}")
+    return " ".join(words)
 
 
 def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]) -> str:
-    """Return a frame's line of ``frames.txt``, by the pose of the reference camera, world frame, and the ids
-    of images by those of cameras."""
+    """Return a frame's line of ``frames.txt``.
+
+    Args:
+        frame_id: the frame's number.
+        rig_id: that of its rig.
+        pose: of the reference camera, world frame.
+        images: ids of images by those of cameras.
+    """
     data = " ".join(f"CAMERA {camera_id} {image_id}" for camera_id, image_id in images.items())
     return f"{frame_id} {rig_id} {pose_words(pose)} {len(images)} {data}"
 

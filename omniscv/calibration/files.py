@@ -16,10 +16,10 @@ from omniscv.arguments import one_of, shown, within
 from omniscv.calibration import colmap, nvidia, opencv, table
 from omniscv.calibration.documents import Content
 from omniscv.calibration.fitting import Fit, fit
-from omniscv.calibration.forms import Entry, Form
+from omniscv.calibration.forms import Entry, Form, Layout, PoseMatrix
 from omniscv.calibration.intrinsics import check_limits
 from omniscv.calibration.kalibr import KALIBR
-from omniscv.calibration.nodes import Node, plain
+from omniscv.calibration.nodes import Node, Paths, alternatives, first_path, plain
 from omniscv.calibration.ocamcalib import HUGIN, OCAMCALIB
 from omniscv.cameras import Camera, from_dict, names
 from omniscv.cameras.rig import Rig, RigCamera
@@ -43,33 +43,47 @@ def _own(content: Content) -> dict[str, Any] | None:
     document = content.values[0] if len(content.values) == 1 else None
     if not isinstance(document, dict):
         return None
-    if _MARK in document or (
-        isinstance(document.get("cameras"), dict)
-        and all(isinstance(mount, dict) and "camera" in mount for mount in document["cameras"].values())
-    ):
+    if _MARK in document or _is_rig(document.get("cameras")):
         return document
     ours = {"focal", "center", "skew", "distortion", "fov_deg"}
     is_own = document.get("model") in names() and (document["model"] != "pinhole" or ours & document.keys())
     return document if is_own or document.keys() == {"model", "width", "height"} else None
 
 
+def _is_rig(cameras: object) -> bool:
+    """Return whether a value is a mapping of cameras as :meth:`Rig.to_dict` gives it."""
+    return isinstance(cameras, dict) and all(
+        isinstance(mount, dict) and "camera" in mount for mount in cameras.values()
+    )
+
+
 def _plausible(entry: Entry) -> Entry:
     """Return a camera whose numbers a picture can have."""
     camera = entry.camera
-    check_limits((camera.lens and camera.lens.numbers(camera)) or {}, max(camera.width, camera.height))
+    numbers = camera.lens.numbers(camera) if camera.lens else None
+    if numbers:
+        check_limits(numbers, max(camera.width, camera.height))
     return entry
 
 
 class Own(Form):
     """Our own JSON, of a camera or a rig."""
 
-    rows = ()
     written = tuple(names())
 
     def is_of(self, content: Content) -> bool:
         return _own(content) is not None
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        """Return the cameras of a file by name, a single one as ``cam0``.
+
+        Args:
+            content: the file.
+            size: does not matter: the file holds the size.
+
+        Raises:
+            ArgumentError: another form, or numbers that no picture can have.
+        """
         document = _own(content)
         if document is None:
             raise content.error or ArgumentError("camera: expected 'model', got another file")
@@ -77,10 +91,10 @@ class Own(Form):
         if str(document.get(_MARK, 1)) != "1":
             raise ArgumentError(f"{_MARK}: expected 1, got {shown(document[_MARK])}")
         if "cameras" in values:
-            return {
-                name: _plausible(Entry(mount.camera, mount.pose, mount.time_offset))
-                for name, mount in Rig.from_dict(values).cameras.items()
-            }
+            entries = {}
+            for name, mount in Rig.from_dict(values).cameras.items():
+                entries[name] = _plausible(Entry(mount.camera, mount.pose, mount.time_offset))
+            return entries
         if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
             _log.warning(
                 "no mark %r: 1 in the file: read as omniscv's own, whose pixel centres are at .5; "
@@ -90,25 +104,30 @@ class Own(Form):
         return {"cam0": _plausible(Entry(from_dict(values)))}
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
+        """Return the JSON of one camera, or of a rig.
+
+        Args:
+            cameras: by name.
+            rig: whether they are written as a rig, with poses and time offsets.
+            suffix: of the file's name, which does not matter.
+        """
         if not rig and len(cameras) != 1:
             raise ArgumentError(f"cameras: json holds one camera, got {len(cameras)}: {shown(list(cameras))}")
         lens = Rig(cameras).to_dict() if rig else next(iter(cameras.values())).camera.to_dict()
         return json.dumps({_MARK: 1, **lens}, indent=1)
 
 
-JSON = Own("json", "omniscv", _MARK, "every model", shift=0.0, poses=(("", "T_b_c"),))
+JSON = Own("json", "omniscv", marks=(_MARK,), layout=Layout(shift_px=0.0, poses=(PoseMatrix("", "T_b_c"),)))
 
-FORMS: dict[str, Form] = {
-    form.name: form
-    for form in (
-        JSON, table.CAMODOCAL, table.STELLA, table.ORB, table.SENSOR, KALIBR, opencv.ROS, table.GYROFLOW,
-        table.OPENICC, table.NERFSTUDIO, table.KITTI, table.MIDDLEBURY, colmap.COLMAP, table.BASALT,
-        table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG,
-        table.ALICEVISION, table.DSO,
-        table.ZED, HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
-        opencv.OPENCV, opencv.FISHEYE, opencv.OMNIDIR,
-    )
-}  # fmt: skip
+_IN_ORDER = (
+    JSON, table.CAMODOCAL, table.STELLA, table.ORB, table.SENSOR, KALIBR, opencv.ROS, table.GYROFLOW,
+    table.OPENICC, table.NERFSTUDIO, table.KITTI, table.MIDDLEBURY, colmap.COLMAP, table.BASALT,
+    table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG,
+    table.ALICEVISION, table.DSO,
+    table.ZED, HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
+    opencv.OPENCV, opencv.FISHEYE, opencv.OMNIDIR,
+)  # fmt: skip
+FORMS: dict[str, Form] = {form.name: form for form in _IN_ORDER}
 """In the order in which they are recognised: the first whose marks a file has."""
 
 
@@ -128,7 +147,13 @@ class Loaded(NamedTuple):
 
 
 def read(data: bytes | str, format: str | None = None, size: tuple[int, int] | None = None) -> Loaded:
-    """Return the format and the cameras of a file's bytes or text; see :func:`load`."""
+    """Return the format and the cameras of a file.
+
+    Args:
+        data: the file's bytes or text.
+        format: as for :func:`load`.
+        size: as for :func:`load`.
+    """
     content = Content(data)
     form = _form_of(content) if format is None else FORMS[one_of("format", format, FORMS)]
     return Loaded(form.name, form.read(content, size))
@@ -139,14 +164,18 @@ def read_values(
 ) -> Camera:
     """Return the camera of values that a file of a format would hold, as part of another file.
 
-    The size, px, counts where the values do not hold it; ``shift_px`` is added to the principal point to make
-    it ours, if it is not that of the format.
+    Args:
+        values: the camera's mapping.
+        format: one of :func:`formats`.
+        size: width and height of the image, px, where the values do not hold it.
+        shift_px: what is added to the principal point to make it ours; None: that of the format.
     """
     form = FORMS[format]
+    if shift_px is not None:
+        form = replace(form, layout=replace(form.layout, shift_px=shift_px))
     node = Node(values)
-    form = form if shift_px is None else replace(form, shift=shift_px)
-    held = any(node.has(path) for path in form.size.split())
-    return form.entry(node, None if held else size).camera
+    has_size = any(node.has(paths) for paths in form.layout.size)
+    return form.entry(node, None if has_size else size).camera
 
 
 def load(
@@ -176,7 +205,13 @@ def load(
 def load_file(
     path: str | PathLike[str], format: str | None = None, size: tuple[int, int] | None = None
 ) -> Loaded:
-    """Return the format and cameras of a file, with poses and the keys that are ignored; see :func:`load`."""
+    """Return the format and cameras of a file, with poses and the keys that are ignored.
+
+    Args:
+        path: as for :func:`load`.
+        format: as for :func:`load`.
+        size: as for :func:`load`.
+    """
     with within(path):
         return read(read_bytes(Path(path), MOST_JSON_BYTES), format, size)
 
@@ -184,7 +219,13 @@ def load_file(
 def loads(
     text: str | bytes, format: str | None = None, size: tuple[int, int] | None = None
 ) -> dict[str, Camera]:
-    """Return the cameras of a calibration file's text, as :func:`load`; ArgumentError for other text."""
+    """Return the cameras of a calibration file's text, by name; ArgumentError for other text.
+
+    Args:
+        text: what the file holds.
+        format: as for :func:`load`.
+        size: as for :func:`load`.
+    """
     return {name: entry.camera for name, entry in read(text, format, size).entries.items()}
 
 
@@ -195,8 +236,9 @@ def doubts(camera: Camera) -> list[str]:
     if not (0 <= u <= camera.width and 0 <= v <= camera.height):
         image = f"the image of {camera.width} x {camera.height} px"
         lines.append(f"its centre ({u:.6g}, {v:.6g}) lies outside {image}")
-    u, v = (np.linspace(0, size, 66)[1:-1] for size in (camera.width, camera.height))
-    blind = 1 - float(camera.valid(np.stack(np.meshgrid(u, v), axis=-1)).mean())
+    columns = np.linspace(0, camera.width, 66)[1:-1]
+    rows = np.linspace(0, camera.height, 66)[1:-1]
+    blind = 1 - float(camera.valid(np.stack(np.meshgrid(columns, rows), axis=-1)).mean())
     if blind > _NO_RAY:
         lines.append(f"{100 * blind:.3g} % of its pixels have no ray")
     return lines
@@ -220,25 +262,35 @@ def _form_of(content: Content) -> Form:
 def _nearest(content: Content) -> list[tuple[str, str]]:
     """Return the forms of whose keys a file has most, and what each of them lacks."""
     keys: set[str] = set()
-
-    def collect(value: Any) -> None:
-        for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
-            keys.update(plain(str(key)).split("."))
-            if isinstance(below, Mapping | list):
-                collect(below)
-
     for value in content.values:
-        collect(value)
+        _collect_keys(value, keys)
     ranked = []
     for form in FORMS.values():
-        if not form.rows:
+        if not form.layout.models:
             continue
-        needed = [*form.mark.split(), *(key.paths for key in form.rows[0].keys if not key.optional)]
-        missing = [p for p in needed if not {plain(path).rpartition(".")[2] for path in p.split("|")} & keys]
-        lacks = f"no {missing[0].partition('|')[0]}" if missing else "its keys stand elsewhere"
+        needed = [*form.marks]
+        for key in form.layout.models[0].keys:
+            if not key.optional:
+                needed.append(key.paths)
+        missing = [paths for paths in needed if not _last_words(paths) & keys]
+        lacks = f"no {first_path(missing[0])}" if missing else "its keys stand elsewhere"
         if len(missing) < len(needed):
             ranked.append((len(missing) / len(needed), form.name, lacks))
-    return [(name, lacks) for _, name, lacks in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
+    ranked.sort(key=lambda row: row[0])
+    return [(name, lacks) for _, name, lacks in ranked[:_NEAREST]]
+
+
+def _collect_keys(value: Any, keys: set[str]) -> None:
+    """Add the words of all keys of nested mappings and lists to ``keys``."""
+    for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
+        keys.update(plain(str(key)).split("."))
+        if isinstance(below, Mapping | list):
+            _collect_keys(below, keys)
+
+
+def _last_words(paths: Paths) -> set[str]:
+    """Return the plain last words of alternatives."""
+    return {plain(path).rpartition(".")[2] for path in alternatives(paths)}
 
 
 # -- writing --------------------------------------------------------------------------------------------
@@ -267,8 +319,12 @@ def dumps(cameras: Mapping[str, Camera], format: str, suffix: str = "") -> str:
     """Return the text of a calibration file, as :func:`save` writes it.
 
     Args:
-        cameras, format: as for :func:`save`, and its errors.
+        cameras: as for :func:`save`.
+        format: as for :func:`save`.
         suffix: of the file's name, for OpenCV's formats.
+
+    Raises:
+        ArgumentError: as :func:`save`.
     """
     form = FORMS[one_of("format", format, FORMS)]
     if not cameras:
@@ -279,11 +335,15 @@ def dumps(cameras: Mapping[str, Camera], format: str, suffix: str = "") -> str:
 def nearest(camera: Camera, format: str) -> Fit | None:
     """Return the best fit of a camera by the models of a format; None where it carries the camera itself.
 
+    Args:
+        camera: a central one.
+        format: one of :func:`formats` that is written.
+
     Raises:
         ArgumentError: none of the models can be fitted.
     """
     form = FORMS[one_of("format", format, FORMS)]
-    name = form.label.format(0, 1, name="cam0")
+    name = form.writing.label.format(0, 1, name="cam0")
     try:
         dumps({name: camera}, format)
         return None
@@ -291,12 +351,12 @@ def nearest(camera: Camera, format: str) -> Fit | None:
         fits = []
         for model in form.written:
             with suppress(ArgumentError):
-                found = fit(camera, model)
-                dumps({name: found.camera}, format)
-                fits.append(found)
+                fitted = fit(camera, model)
+                dumps({name: fitted.camera}, format)
+                fits.append(fitted)
         if not fits:
             raise ArgumentError(f"{cause.message}; and none of its models can be fitted") from cause
-        return max(fits, key=lambda found: (round(found.coverage, 3), -found.rms_px))
+        return max(fits, key=lambda fitted: (round(fitted.coverage, 3), -fitted.rms_px))
 
 
 def load_rig(path: str | PathLike[str], size: tuple[int, int] | None = None) -> Rig:
@@ -315,23 +375,30 @@ def load_rig(path: str | PathLike[str], size: tuple[int, int] | None = None) -> 
     path = Path(path)
     with within(path):
         if path.is_dir():
-            return colmap.rig_from_colmap(*(read_text(path / name) for name in _COLMAP_FILES))
+            cameras, rigs = [read_text(path / name) for name in _COLMAP_FILES]
+            return colmap.rig_from_colmap(cameras, rigs)
         return loads_rig(read_bytes(path, MOST_JSON_BYTES), size)
 
 
 def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
-    """Return the rig of a file's text, as :func:`load_rig`."""
+    """Return the rig of a file's text, as :func:`load_rig`.
+
+    Args:
+        text: what the file holds.
+        size: as for :func:`load_rig`.
+    """
     content = Content(text)
     form = _form_of(content)
     entries = form.read(content, size)
-    if form.stereo is not None:
-        entries = form.stereo(Node(content.values[0]), entries)
-    lost = [name for name, entry in entries.items() if entry.pose is None]
-    if lost and len(entries) > 1:
-        paths = " or ".join(path.partition("|")[0] for path, _ in form.poses) or "none in this form"
-        raise ArgumentError(f"{lost[0]}: expected the pose of every camera ({paths}), got none")
-    safe = {re.sub(r"[^\w.-]+", "_", name).lstrip("."): entry.mounted for name, entry in entries.items()}
-    return Rig(safe)
+    if form.reading.stereo is not None:
+        entries = form.reading.stereo(Node(content.values[0]), entries)
+    mounts = {}
+    for name, entry in entries.items():
+        if entry.pose is None and len(entries) > 1:
+            paths = " or ".join(first_path(pose.paths) for pose in form.layout.poses) or "none in this form"
+            raise ArgumentError(f"{name}: expected the pose of every camera ({paths}), got none")
+        mounts[re.sub(r"[^\w.-]+", "_", name).lstrip(".")] = entry.mounted
+    return Rig(mounts)
 
 
 def load_on_body(path: str | PathLike[str]) -> dict[str, Pose]:
@@ -343,14 +410,19 @@ def load_on_body(path: str | PathLike[str]) -> dict[str, Pose]:
     with within(Path(path)):
         content = Content(read_bytes(Path(path), MOST_JSON_BYTES))
         entries = _form_of(content).on_body(content)
-        poses = {name: entry.pose for name, entry in entries.items() if entry.pose is not None}
-        if lost := sorted(entries.keys() - poses):
-            raise ArgumentError(f"{lost[0]}: expected the pose on its body (T_BS, T_cam_imu), got none")
-        return poses
+        missing = sorted(name for name, entry in entries.items() if entry.pose is None)
+        if missing:
+            raise ArgumentError(f"{missing[0]}: expected the pose on its body (T_BS, T_cam_imu), got none")
+        return {name: entry.mounted.pose for name, entry in entries.items()}
 
 
 def save_rig(path: str | PathLike[str], rig: Rig, format: str) -> None:
     """Write a rig as a file, or for ``colmap`` as two files in a folder, which is made if missing.
+
+    Args:
+        path: the file or folder; files that are there are replaced.
+        rig: its cameras, named as the format asks.
+        format: one of :func:`formats` that holds poses.
 
     Raises:
         ArgumentError: an unknown format, a rig that it cannot carry, or a file that cannot be written.
@@ -359,11 +431,10 @@ def save_rig(path: str | PathLike[str], rig: Rig, format: str) -> None:
     with within(path):
         form = FORMS[one_of("format", format, FORMS)]
         if form is colmap.COLMAP:
-            texts = dict(zip((path / name for name in _COLMAP_FILES), colmap.rig_to_colmap(rig), strict=True))
+            for name, text in zip(_COLMAP_FILES, colmap.rig_to_colmap(rig), strict=True):
+                _write(path / name, text)
         else:
-            texts = {path: form.write(rig.cameras, rig=True)}
-        for file, text in texts.items():
-            _write(file, text)
+            _write(path, form.write(rig.cameras, rig=True))
 
 
 def _write(path: Path, text: str) -> None:

@@ -3,18 +3,20 @@
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from itertools import accumulate, chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.arguments import whole_number as checked_whole
 from omniscv.calibration.documents import Content
-from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
 Values = dict[str, Any]
+
+Paths = str | tuple[str, ...]
+"""A place in a mapping: keys joined by dots, as ``a.b``. Several are alternatives; the first is the one that
+we write and that messages name."""
 
 _SYNONYMS = {
     "radtan": "plumbbob radialtangential radialtangential4 radialtangential5 brownconrady brown opencv "
@@ -23,15 +25,30 @@ _SYNONYMS = {
     "opencvfisheye fisheyeopencv fisheyekb4",
     "none": "undistorted nodistortion null no ideal rectified",
 }
-_CANONICAL = {word: canon for canon, words in _SYNONYMS.items() for word in words.split()}
+_CANONICAL: dict[str, str] = {}
+for _word, _synonyms in _SYNONYMS.items():
+    _CANONICAL.update(dict.fromkeys(_synonyms.split(), _word))
 
 _GEOMETRY = re.compile(
     r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
     r"mirror|linedelay|readout|shutter(?!us$|speed)|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
 )
-"""Plain keys that may change the geometry: refused unless a row models them or they are neutral."""
+"""Plain keys that may change the geometry: refused unless a model has them or they are neutral."""
 
 MISSING = object()
+_DEEPEST = 8  # levels of mappings and lists in which cameras are looked for
+_MOST_ROWS = 64  # of a list of lists of numbers
+_MOST_PX = 1_000_000  # of a side of an image
+
+
+def alternatives(paths: Paths) -> tuple[str, ...]:
+    """Return the paths of a place."""
+    return (paths,) if isinstance(paths, str) else paths
+
+
+def first_path(paths: Paths) -> str:
+    """Return the path of a place that is written, and named in messages."""
+    return alternatives(paths)[0]
 
 
 def plain(key: str) -> str:
@@ -41,8 +58,9 @@ def plain(key: str) -> str:
 
 def canonical(word: object) -> str:
     """Return the canonical word of a model: synonyms that are certain, in any case."""
-    word = re.sub(r"[^a-z0-9]|^distortion\.", "", "none" if word is None else str(word).lower())
-    return _CANONICAL.get(word, word)
+    text = "none" if word is None else str(word).lower()
+    text = re.sub(r"[^a-z0-9]|^distortion\.", "", text)
+    return _CANONICAL.get(text, text)
 
 
 class Node:
@@ -51,86 +69,145 @@ class Node:
     Args:
         values: the mapping.
         outer: mappings around it, which may hold the size.
+
+    Attributes:
+        used: plain paths that were read.
+        absent: plain keys that models of the form have and the file has not.
+        modelled: plain paths of all models of the form that the camera may be.
     """
 
     def __init__(self, values: Mapping[str, Any], outer: Sequence[Mapping[str, Any]] = ()) -> None:
         self.values = values
         self.outer = outer
-        self.used: set[str] = set()
-        self.absent: set[str] = set()  # what models have and the file has not
-        self.modelled: set[str] = set()  # what another model of the form has
 
-    def take(self, paths: str, default: Any = MISSING, outer: bool = False) -> Any:
-        """Return the value at one of several paths, ``a|b``; ArgumentError where there is none and no
-        default, or two with different values."""
-        found: list[tuple[str, Any]] = []
-        for values in (self.values, *(self.outer if outer else ())):
-            found = found or [(path, value) for path in paths.split("|") for value in _at(values, path)]
+        self.used: set[str] = set()
+        self.absent: set[str] = set()
+        self.modelled: set[str] = set()
+
+    def take(self, paths: Paths, default: Any = MISSING, outer: bool = False) -> Any:
+        """Return the value at a place, which counts as read from then on.
+
+        Args:
+            paths: the place; in any spelling of its keys.
+            default: what is returned where there is no value.
+            outer: whether the mappings around the camera's own are tried after it.
+
+        Raises:
+            ArgumentError: there is no value and no default, or two alternatives have different values.
+        """
+        found = self._matches(paths, self.values)
+        for values in self.outer if outer else ():
+            if not found:
+                found = self._matches(paths, values)
+        if not found:
+            if default is MISSING:
+                raise ArgumentError(f"missing key {first_path(paths)!r}")
+            return default
         self.used |= {plain(path) for path, _ in found}
-        if any(not _agree(value, found[0][1]) for _, value in found):
+        first = found[0][1]
+        if any(not _agree(value, first) for _, value in found):
             both = " and ".join(path for path, _ in found)
             raise ArgumentError(f"{both}: expected one of them, got both with different values")
-        if not found and default is MISSING:
-            raise ArgumentError(f"missing key {paths.partition('|')[0]!r}")
-        return found[0][1] if found else default
+        return first
 
-    def has(self, paths: str) -> bool:
-        """Return whether one of several paths is there."""
-        return any(True for path in paths.split("|") for _ in _at(self.values, path))
+    @staticmethod
+    def _matches(paths: Paths, values: Mapping[str, Any]) -> list[tuple[str, Any]]:
+        """Return the paths of a place that a mapping has, and their values."""
+        matches = []
+        for path in alternatives(paths):
+            for value in _at(values, path):
+                matches.append((path, value))
+        return matches
+
+    def has(self, paths: Paths) -> bool:
+        """Return whether the camera's own mapping has a value at a place."""
+        return bool(self._matches(paths, self.values))
 
     def unread(self) -> Iterator[tuple[str, Any]]:
-        """Yield the keys that were not taken, and their values; of those beside it only what is geometry."""
-        beside = {
-            key: value  # but for other cameras
-            for key, value in (self.outer[0] if self.outer else {}).items()
-            if not (isinstance(value, Mapping) and value.keys() & self.values.keys())
-        }
-        for values in (self.values, beside):
-            for path, value in leaves(values):
-                key = plain(path)
-                if any(key == used or key.startswith(f"{used}.") for used in self.used):
-                    continue
-                if values is self.values or any(map(_GEOMETRY.search, key.split("."))):
-                    yield path, value
+        """Yield paths and values that were not taken; of the mapping around the camera only geometry."""
+        for path, value in leaves(self.values):
+            if not self._is_used(path):
+                yield path, value
+        for path, value in leaves(self._beside()):
+            if not self._is_used(path) and any(map(_GEOMETRY.search, plain(path).split("."))):
+                yield path, value
+
+    def _is_used(self, path: str) -> bool:
+        """Return whether a path, or a mapping above it, was taken."""
+        key = plain(path)
+        return any(key == used or key.startswith(f"{used}.") for used in self.used)
+
+    def _beside(self) -> Values:
+        """Return what stands beside the camera in the mapping around it, other cameras aside."""
+        beside: Values = {}
+        for key, value in self.outer[0].items() if self.outer else ():
+            is_camera = isinstance(value, Mapping) and value.keys() & self.values.keys()
+            if not is_camera:
+                beside[key] = value
+        return beside
 
     def check_rest(self, harmless: str = "$^") -> tuple[str, ...]:
-        """Return the keys that are ignored; ArgumentError for one that may change the geometry and is not
-        neutral, but for those that match the pattern ``harmless``."""
+        """Return the paths of keys that are ignored.
+
+        Args:
+            harmless: a pattern of plain paths that look like geometry and are none.
+
+        Raises:
+            ArgumentError: a key that may change the geometry and is not neutral, or a misspelt one.
+        """
         ignored = []
         for path, value in self.unread():
-            parts = plain(path).split(".")
-            acting = [*filter(_GEOMETRY.search, parts), *({plain(path)} & self.modelled)]
-            odd = any(not _is_neutral(value, part) for part in acting) or (
-                re.search(r"[^\w.]\d", path) is not None and any(map(_GEOMETRY.search, parts))
-            )
-            is_zero = re.fullmatch(r"[kps]\d", parts[-1]) and _is_neutral(value, parts[-1])
-            if (odd or (not is_zero and self._misspells(parts[-1]))) and not re.search(harmless, plain(path)):
+            if self._may_act(path, value) and not re.search(harmless, plain(path)):
                 raise wrong(path, "no such key, which may change the geometry", value)
             ignored.append(path)
         return tuple(ignored)
 
+    def _may_act(self, path: str, value: object) -> bool:
+        """Return whether a key that was not read may change the geometry: by its name, or as a misspelt
+        one."""
+        key = plain(path)
+        words = key.split(".")
+        geometric = [word for word in words if _GEOMETRY.search(word)]
+        acting = [*geometric, key] if key in self.modelled else geometric
+        if any(not _is_neutral(value, word) for word in acting):
+            return True
+        if geometric and re.search(r"[^\w.]\d", path):
+            return True
+        is_zero = re.fullmatch(r"[kps]\d", words[-1]) and _is_neutral(value, words[-1])
+        return not is_zero and self._misspells(words[-1])
+
     def _misspells(self, key: str) -> bool:
         """Return whether a key that nobody knows is like one that is not there."""
-        words = [other for other in self.absent if len(other) > 1 < len(key)]
-        near = get_close_matches(key, words, 1, 0.8 if len(key) > 4 else 0.5)
-        return bool(near) or sorted(key) in map(sorted, self.absent)
+        if any(sorted(key) == sorted(other) for other in self.absent):
+            return True
+        if len(key) < 2:
+            return False
+        words = [other for other in self.absent if len(other) > 1]
+        return bool(get_close_matches(key, words, 1, 0.8 if len(key) > 4 else 0.5))
 
 
 def _at(values: Any, path: str) -> Iterator[Any]:
     """Yield the values at a path, whose dots may stand in keys or between mappings."""
     if not isinstance(values, Mapping):
         return
-    yield from (value for key, value in values.items() if plain(key) == plain(path))
-    head, dot, rest = path.partition(".")
-    while dot:
-        for key in [key for key in values if plain(key) == plain(head)]:
-            yield from _at(values[key], rest)
-        more, dot, rest = rest.partition(".")
-        head = f"{head}.{more}"
+    for key, value in values.items():
+        if plain(key) == plain(path):
+            yield value
+    words = path.split(".")
+    for i in range(1, len(words)):
+        head = plain(".".join(words[:i]))
+        for key, below in values.items():
+            if plain(key) == head:
+                yield from _at(below, ".".join(words[i:]))
 
 
 def leaves(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield paths and values of nested mappings; matrices with ``data`` are values."""
+    """Yield paths and values of nested mappings; matrices with ``data`` are values.
+
+    Args:
+        values: the outermost mapping.
+        before: what each path starts with, as ``a.``.
+    """
     for key, value in values.items():
         if isinstance(value, Mapping) and value and "data" not in value:
             yield from leaves(value, f"{before}{key}.")
@@ -138,61 +215,102 @@ def leaves(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
             yield f"{before}{key}", value
 
 
-def _agree(one: object, other: object) -> bool:
+def _agree(value: object, other: object) -> bool:
     """Return whether two values are the same, also of numbers in other brackets."""
     try:
-        return one == other or floats("", one) == floats("", other)
+        return value == other or floats("", value) == floats("", other)
     except ArgumentError:
         return False
 
 
 def _is_neutral(value: object, key: str) -> bool:
     """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
-    is_one = str(value) in ("1", "1.", "1.0") and re.search("aspect|stretch", key)
-    if is_one or key.startswith(("fix", "zero")):  # flags of OpenCV's calibration
+    if key.startswith(("fix", "zero")):  # flags of OpenCV's calibration
+        return True
+    if str(value) in ("1", "1.", "1.0") and re.search("aspect|stretch", key):
         return True
     if value in (None, "") and re.match(r"[kps]\d", key):
         return False
-    if value is None or (isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0")):
+    if value is None:
         return True
+    if isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0"):
+        return True
+    return _has_neutral_numbers(value, key)
+
+
+def _has_neutral_numbers(value: object, key: str) -> bool:
+    """Return whether a value's numbers are 0, an identity, or a projection of ``cv2.stereoRectify``."""
     try:
         values = floats("", value)
     except ArgumentError:
         return False
-    if len(values) == 12 and re.fullmatch(r"p\d", key):  # a projection of cv2.stereoRectify
+    if len(values) == 12 and re.fullmatch(r"p\d", key):
         return True
     side = int(len(values) ** 0.5)
-    return not any(values) or (side > 1 and values == np.eye(side).ravel().tolist())
+    is_identity = side > 1 and values == np.eye(side).ravel().tolist()
+    return is_identity or not any(values)
 
 
 # -- numbers -------------------------------------------------------------------------------------------
 
 
 def floats(name: str, value: object) -> list[float]:
-    """Return the numbers of a scalar, a text of them, nested lists, or a matrix with its ``data``."""
-    if isinstance(value, Mapping) and value.keys() == {"x", "y"}:
-        value = [value["x"], value["y"]]
+    """Return the numbers of a scalar, a text of them, nested lists, or a matrix with its ``data``.
+
+    Args:
+        name: what messages call the value.
+        value: as a file has it.
+
+    Raises:
+        ArgumentError: anything else.
+    """
     if isinstance(value, Mapping):
-        if "data" not in value:
+        if value.keys() == {"x", "y"}:
+            value = [value["x"], value["y"]]
+        elif "data" in value:
+            name = f"{name}: data"
+            value = value["data"]
+        else:
             raise ArgumentError(f"{name}: missing key 'data'")
-        name = f"{name}: data"
-        value = value["data"]
     if isinstance(value, str):
-        text = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", value.strip())
-        value = re.split(r"[\s,;]+", text.strip()) if text.strip() else []
+        value = _words(value)
     if not isinstance(value, list):
         return [number(name, value)]
+    flat = _flat(name, value)
+    return numbers(name, flat, (len(flat),)).tolist() if flat else []
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a list in brackets or without."""
+    inside = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", text.strip()).strip()
+    return re.split(r"[\s,;]+", inside) if inside else []
+
+
+def _flat(name: str, value: list[Any]) -> list[Any]:
+    """Return the items of nested lists, row by row; ArgumentError for rows beside items, or too many."""
     while any(isinstance(row, list) for row in value):
-        if len(value) > 64 or not all(isinstance(row, list) for row in value):
+        if len(value) > _MOST_ROWS or not all(isinstance(row, list) for row in value):
             raise ArgumentError(f"{name}: expected numbers, got {shown(value)}")
-        value = [item for row in value for item in row]
-    return numbers(name, value, (len(value),)).tolist() if value else []
+        rows = value
+        value = []
+        for row in rows:
+            value += row
+    return value
 
 
 def whole(name: str, value: object) -> int:
-    """Return a number of pixels: a whole number, which may be given as a float or in digits."""
-    size = number(name, value[0] if isinstance(value, list) and len(value) == 1 else value)
-    return checked_whole(name, int(size) if size.is_integer() else value, most=1_000_000)
+    """Return a number of pixels: a whole number, which may be given as a float or in digits.
+
+    Args:
+        name: what messages call the value.
+        value: as a file has it, or a list of it alone.
+
+    Raises:
+        ArgumentError: no number, none that is whole, or one that is no side of an image.
+    """
+    item = value[0] if isinstance(value, list) and len(value) == 1 else value
+    size = number(name, item)
+    return checked_whole(name, int(size) if size.is_integer() else value, most=_MOST_PX)
 
 
 # -- where cameras stand -------------------------------------------------------------------------------
@@ -200,38 +318,62 @@ def whole(name: str, value: object) -> int:
 
 def marked(
     value: Any,
-    marks: Sequence[str],
+    marks: Sequence[Paths],
     path: tuple[str | int, ...] = (),
     outer: tuple[Mapping[str, Any], ...] = (),
     accepts: Callable[[Node], bool] = lambda node: True,
 ) -> Iterator[tuple[tuple[str | int, ...], Node]]:
-    """Yield the mappings that have all marks, outermost first, and where they stand."""
+    """Yield the mappings that have all marks, outermost first, and where they stand.
+
+    Args:
+        value: a mapping or a list, in which it looks down to eight levels.
+        marks: places that a camera's mapping has.
+        path: keys and indices that led to the value.
+        outer: mappings around the value, the nearest first.
+        accepts: whether a mapping that has the marks is a camera.
+    """
     if isinstance(value, Mapping):
         node = Node(value, outer)
         if all(node.has(mark) for mark in marks) and accepts(node):
             yield path, node
             return
         outer = (value, *outer)
-    if isinstance(value, Mapping | list) and len(path) < 8:
-        for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
-            if isinstance(below, Mapping | list):
-                yield from marked(below, marks, (*path, key), outer, accepts)
+    if not isinstance(value, Mapping | list) or len(path) >= _DEEPEST:
+        return
+    for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
+        if isinstance(below, Mapping | list):
+            yield from marked(below, marks, (*path, key), outer, accepts)
 
 
-def mappings(content: Content, marks: str) -> list[Node]:
-    """Return the documents that have all marks."""
-    nodes = [Node(value) for value in content.documents if isinstance(value, Mapping)]
-    return [node for node in nodes if all(node.has(mark) for mark in marks.split())]
+def mappings(content: Content, *marks: Paths) -> list[Node]:
+    """Return the documents that have all marks.
+
+    Args:
+        content: the file.
+        marks: places that a document has.
+    """
+    nodes = []
+    for document in content.documents:
+        if isinstance(document, Mapping):
+            node = Node(document)
+            if all(node.has(mark) for mark in marks):
+                nodes.append(node)
+    return nodes
 
 
 def families(values: Mapping[str, Any], pattern: str) -> tuple[dict[str, Values], Values]:
-    """Return the mappings of cameras whose keys stand side by side, such as K1 and D1, and the other keys;
-    the pattern of plain keys has groups ``key``, ``name`` and ``after``, which may be the name as well."""
+    """Return the mappings of cameras whose keys stand side by side, such as K1 and D1, and the other keys.
+
+    Args:
+        values: a mapping that holds several cameras.
+        pattern: of plain keys, with groups ``key``, ``name`` and ``after``, which may be the name as well.
+    """
     cameras: dict[str, Values] = {}
     others: Values = {}
     for key, value in values.items():
         match = re.fullmatch(pattern, plain(key))
-        if match and (name := match["name"] or match["after"]) and isinstance(value, Mapping | list | str):
+        name = (match["name"] or match["after"]) if match else ""
+        if match and name and isinstance(value, Mapping | list | str):
             cameras.setdefault(name, {})[match["key"]] = value
         else:
             others[key] = value
@@ -239,118 +381,20 @@ def families(values: Mapping[str, Any], pattern: str) -> tuple[dict[str, Values]
 
 
 def put(values: Values, path: str, value: Any) -> None:
-    """Set a value at a path; keys that a dot belongs to start with ``Camera``, ``Stereo`` or ``File``."""
-    *above, last = [path] if _DOTTED.match(path) else path.split(".")
+    """Set a value at a path.
+
+    Args:
+        values: the mapping that gets it.
+        path: keys joined by dots; keys that a dot belongs to start with ``Camera``, ``Stereo`` or ``File``.
+        value: as it is written.
+    """
+    if _DOTTED.match(path):
+        values[path] = value
+        return
+    *above, last = path.split(".")
     for key in above:
         values = values.setdefault(key, {})
     values[last] = value
 
 
 _DOTTED = re.compile(r"Camera1\.|Camera\.(?:type|width|height)$|Stereo\.|File\.")
-
-
-class Key(NamedTuple):
-    """Where numbers of a model stand.
-
-    Attributes:
-        paths: the first is written.
-        names: of the numbers, or literals.
-        counts: how many of them may be there.
-        optional: whether all may be missing.
-    """
-
-    paths: str
-    names: tuple[str, ...]
-    counts: tuple[int, ...]
-    optional: bool
-
-    @property
-    def path(self) -> str:
-        """The path that is written, and named in messages."""
-        return self.paths.partition("|")[0]
-
-    def read(self, node: Node) -> Numbers:
-        """Return the numbers that a camera has here; ArgumentError for another count or value."""
-        if not node.has(self.paths):
-            node.absent |= {plain(path.rpartition(".")[2]) for path in self.paths.split("|")}
-        value = node.take(self.paths, None if self.optional else MISSING, outer=True)
-        values = [] if value is None else floats(self.path, value)
-        if not values and self.optional:
-            return {}
-        if len(values) not in self.counts:
-            wanted = f"{' or '.join(map(str, self.counts))} finite numbers ({','.join(self.names)})"
-            raise ArgumentError(f"{self.path}: expected {wanted}, got {len(values)}: {shown(value)}")
-        for name, got in zip(self.names, values, strict=False):
-            if _is_literal(name) and abs(got - float(name)) > 1e-12:
-                raise wrong(self.path, f"{name} (other values are not modelled)", got)
-        return dict(zip(self.names, values, strict=False))
-
-    def write(self, values: Numbers) -> Any:
-        """Return the value to write: a number or a list up to the first end beyond its last number."""
-        every = [float(name) if _is_literal(name) else values.get(name, 0.0) for name in self.names]
-        if self.counts == (1,):
-            return every[0]
-        last = max((i + 1 for i, value in enumerate(every) if value), default=0)
-        return every[: next(count for count in self.counts if count >= last)]
-
-
-def _is_literal(name: str) -> bool:
-    return name.lstrip("-").isdigit()
-
-
-class Row(NamedTuple):
-    """A model of a form."""
-
-    words: tuple[str, ...]
-    model: str
-    keys: tuple[Key, ...]
-    written: bool
-
-    @property
-    def names(self) -> list[str]:
-        """The numbers that it holds."""
-        return [name for key in self.keys for name in key.names if not _is_literal(name) and name != "_"]
-
-
-def row_of(line: str) -> Row:
-    """Return the model of a line ``WORDS MODEL KEYS``, such as ``PINHOLE|pinhole pinhole fx fy cx cy``: the
-    file's words for it, ``-`` for none, ours, and its keys; ``<`` before them: it is read, not written."""
-    words = line.split()
-    written = words[0] != "<"
-    name, model, *fields = words if written else words[1:]
-    return Row(tuple(name.split("|")) if name != "-" else (), model, keys_of(" ".join(fields)), written)
-
-
-def keys_of(text: str) -> tuple[Key, ...]:
-    """Return the keys of ``PATH=NAMES ...``, such as ``K=fx,0,cx,0,fy,cy D?=k1,k2,k3,k4;0``.
-
-    Of paths ``a|b`` the first is written; ``.x`` is beside the key before; ``?``: all numbers may be missing.
-    Names are ours, the path's last word by default; ``;`` is where a list may end, too; a digit is a value
-    that must be there, ``_`` one that does not matter.
-    """
-    keys = []
-    before = ""
-    for word in text.split():
-        paths, equals, names = word.partition("=")
-        optional = paths.endswith("?")
-        paths = paths.removesuffix("?")
-        paths = "|".join(before + path[1:] if path.startswith(".") else path for path in paths.split("|"))
-        head, dot, last = paths.partition("|")[0].rpartition(".")
-        before = head + dot
-        groups = [list(filter(None, group.split(","))) for group in (names if equals else last).split(";")]
-        keys.append(Key(paths, tuple(chain(*groups)), tuple(accumulate(map(len, groups))), optional))
-    return tuple(keys)
-
-
-_TOGETHER = {("p2", "p1"), ("k2", "p1"), ("k1", "p1")}
-
-
-def check_order(row: Row, values: Numbers) -> None:
-    """Raise ArgumentError where a coefficient is missing before or beside one that is there: k1 of k2."""
-    for key in row.keys:
-        name = key.names[-1] if key.optional and len(key.names) == 1 else ""
-        if name and name not in values and name[-1].isdigit():
-            later = [other for other in values if other[:-1] == name[:-1] and other[-1] > name[-1]]
-            beside = [other for other in values if (name, other) in _TOGETHER]
-            if later or beside:
-                raise ArgumentError(f"missing key {key.path!r}, as {(later or beside)[0]} is there")

@@ -20,11 +20,10 @@ import numpy as np
 
 from omniscv.arguments import one_of, shown, within, wrong
 from omniscv.calibration.documents import Content, put_once
-from omniscv.calibration.forms import Form
+from omniscv.calibration.forms import Form, Layout, LensNumbers, Reading, Writing
+from omniscv.calibration.keys import Model, array, scalar, scalars
 from omniscv.calibration.nodes import Node, Values, mappings
-from omniscv.calibration.parts import Sized
 from omniscv.cameras import Camera, FTheta
-from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
 # -- Isaac Sim ------------------------------------------------------------------------------------------
@@ -51,20 +50,28 @@ def _prims(content: Content) -> dict[str, Values]:
     texts = _PRIM.split(layer)  # before the first prim; then name and text of every prim
     for name, text in zip(["cam0", *texts[1::2]], texts[::2], strict=True):
         with within(name):
-            attributes: Values = {}
-            found = _ATTRIBUTE.findall(text)
-            for key, value in found:
-                put_once(attributes, key, value.strip("\"'"))
-            if text.count(_PREFIX) != len(found):
-                raise ArgumentError(f"expected attributes 'TYPE {_PREFIX}NAME = VALUE', got others")
-            model = one_of("model", attributes.get("model"), _APIS) if attributes else ""
-            values = {key.removeprefix(f"{model}:"): value for key, value in attributes.items()}
-            for key in values:
-                if ":" in key or "." in key:
-                    raise ArgumentError(f"{key}: expected attributes of {model} without time samples, got it")
+            values = _attributes(text)
             if values:
                 cameras[name] = values
     return cameras
+
+
+def _attributes(text: str) -> Values:
+    """Return the attributes of a prim by name, without the prefix of its model."""
+    attributes: Values = {}
+    matches = _ATTRIBUTE.findall(text)
+    for key, value in matches:
+        put_once(attributes, key, value.strip("\"'"))
+    if text.count(_PREFIX) != len(matches):
+        raise ArgumentError(f"expected attributes 'TYPE {_PREFIX}NAME = VALUE', got others")
+    if not attributes:
+        return {}
+    model = one_of("model", attributes.get("model"), _APIS)
+    values = {key.removeprefix(f"{model}:"): value for key, value in attributes.items()}
+    for key in values:
+        if ":" in key or "." in key:
+            raise ArgumentError(f"{key}: expected attributes of {model} without time samples, got it")
+    return values
 
 
 def _layer(cameras: dict[str, Values]) -> str:
@@ -89,18 +96,45 @@ def _layer(cameras: dict[str, Values]) -> str:
 ISAAC = Form(
     "isaac",
     "Isaac Sim: USD as text",
-    f"{_PREFIX}model",
-    """
-    ftheta ftheta-inverse opticalCenter=cx,cy k0=c0 k1=c1 k2=c2 k3=c3 k4=c4 maxFov?=fov
-    opencvPinhole pinhole fx fy cx cy k1? k2? p1? p2? k3? k4? k5? k6? s1? s2? s3? s4?
-    opencvFisheye kannala-brandt fx fy cx cy k1? k2? k3? k4?
-    """,
-    word="model",
-    size="nominalWidth nominalHeight",
-    split=_prims,
-    join=dict,
-    dump=_layer,
-    sparse=True,
+    marks=(f"{_PREFIX}model",),
+    layout=Layout(
+        models=(
+            Model(
+                "ftheta-inverse",
+                words=("ftheta",),
+                keys=(
+                    array("opticalCenter", "cx", "cy"),
+                    scalar("k0", "c0"),
+                    scalar("k1", "c1"),
+                    scalar("k2", "c2"),
+                    scalar("k3", "c3"),
+                    scalar("k4", "c4"),
+                    scalar("maxFov", "fov", optional=True),
+                ),
+            ),
+            Model(
+                "pinhole",
+                words=("opencvPinhole",),
+                keys=(
+                    *scalars("fx", "fy", "cx", "cy"),
+                    *scalars("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", optional=True),
+                    *scalars("s1", "s2", "s3", "s4", optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("opencvFisheye",),
+                keys=(
+                    *scalars("fx", "fy", "cx", "cy"),
+                    *scalars("k1", "k2", "k3", "k4", optional=True),
+                ),
+            ),
+        ),
+        word=("model",),
+        size=("nominalWidth", "nominalHeight"),
+    ),
+    reading=Reading(split=_prims, sparse=True),
+    writing=Writing(join=dict, dump=_layer),
     refused="values that change with time",
 )
 
@@ -116,31 +150,33 @@ _POLYNOMIALS = {
 
 def _parameters(content: Content) -> dict[str, Any]:
     cameras = {}
-    for node in mappings(content, "camera_model_parameters.reference_poly|reference_poly"):
+    for node in mappings(content, ("camera_model_parameters.reference_poly", "reference_poly")):
         one_of("camera_model_type", node.take("camera_model_type", "ftheta"), ("ftheta",))
-        values = node.take("camera_model_parameters", node.values)
-        cameras["cam0"] = {key: value for key, value in values.items() if key != "camera_model_type"}
+        values = dict(node.take("camera_model_parameters", node.values))
+        values.pop("camera_model_type", None)
+        cameras["cam0"] = values
     return cameras
 
 
-def _without_times(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
+def _without_times(node: Node, lens: LensNumbers) -> LensNumbers:
     """Refuse rolling shutters, and leave the other polynomial unread."""
-    if "ROLLING" in str(shutter := node.take("shutter_type", "GLOBAL")):
+    shutter = node.take("shutter_type", "GLOBAL")
+    if "ROLLING" in str(shutter):
         wanted = "GLOBAL (the file has no read-out time; write GLOBAL to take the lens without its shutter)"
         raise wrong("shutter_type", wanted, shutter)
     for name in _POLYNOMIALS.values():
         node.take(name, None)
-    return values, (width, height)
+    return lens
 
 
 def _with_inverse(values: Values) -> str:
     """Return the text of a camera, with the other polynomial."""
     word = values["reference_poly"]
-    row, numbers = NCORE.row(Node(values), word)
+    model, numbers = NCORE.model(Node(values), (word,))
     (other,) = _POLYNOMIALS.keys() - {word}
     width, height = values["resolution"]
-    inverse = _inverse(NCORE.camera(row, width, height, numbers))
-    parameters = values | {_POLYNOMIALS[other]: inverse}
+    camera = NCORE.camera(model, LensNumbers(numbers, width, height))
+    parameters = values | {_POLYNOMIALS[other]: _inverse(camera)}
     return json.dumps({"camera_model_type": "ftheta", "camera_model_parameters": parameters}, indent=1)
 
 
@@ -163,20 +199,39 @@ def _inverse(camera: Camera) -> list[float]:
     return [0.0, *inverse.tolist()]
 
 
-_COMMON = "principal_point=cx,cy max_angle=rad linear_cde?=lc,ld,le"
+_COUNTS = (2, 3, 4, 5, 6)
+_COMMON = (
+    array("principal_point", "cx", "cy"),
+    scalar("max_angle", "rad"),
+    array("linear_cde", "lc", "ld", "le", optional=True),
+)
 NCORE = Form(
     "ncore",
     "NVIDIA NCore",
-    "reference_poly",
-    f"""
-    ANGLE_TO_PIXELDIST ftheta angle_to_pixeldist_poly=c0,c1;c2;c3;c4;c5 {_COMMON}
-    PIXELDIST_TO_ANGLE ftheta-inverse pixeldist_to_angle_poly=c0,c1;c2;c3;c4;c5 {_COMMON}
-    """,
-    word="reference_poly",
-    size="resolution",
-    split=_parameters,
-    dump=_with_inverse,
-    finish=_without_times,
-    constant={"shutter_type": "GLOBAL"},
+    marks=("reference_poly",),
+    layout=Layout(
+        models=(
+            Model(
+                "ftheta",
+                words=("ANGLE_TO_PIXELDIST",),
+                keys=(
+                    array("angle_to_pixeldist_poly", "c0", "c1", "c2", "c3", "c4", "c5", counts=_COUNTS),
+                    *_COMMON,
+                ),
+            ),
+            Model(
+                "ftheta-inverse",
+                words=("PIXELDIST_TO_ANGLE",),
+                keys=(
+                    array("pixeldist_to_angle_poly", "c0", "c1", "c2", "c3", "c4", "c5", counts=_COUNTS),
+                    *_COMMON,
+                ),
+            ),
+        ),
+        word=("reference_poly",),
+        size=("resolution",),
+    ),
+    reading=Reading(split=_parameters, finish=_without_times),
+    writing=Writing(dump=_with_inverse, constant={"shutter_type": "GLOBAL"}),
     refused="the windshield, tangential coefficients, rolling shutters",
 )

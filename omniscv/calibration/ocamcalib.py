@@ -27,34 +27,25 @@ from numpy.polynomial.polynomial import polyval
 
 from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.calibration.documents import Content, put_once
-from omniscv.calibration.forms import Form
+from omniscv.calibration.forms import Form, Layout, LensNumbers, Reading, Writing
+from omniscv.calibration.keys import Model, array, scalar
 from omniscv.calibration.nodes import Node, Values, whole
-from omniscv.calibration.parts import Sized
-from omniscv.cameras import Scaramuzza
 from omniscv.cameras.base import Array
-from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
 _IMAGE = re.compile(r"([A-Za-z]+)(\S*)")
+_CORRECTIONS = set("abcdegt")
+"""Keys of radial terms, shift and shear, of which an image has all or none."""
 
 
 def _images(content: Content) -> dict[str, Any]:
-    """Return the images of a project; ``v=0`` is the value of image 0."""
+    """Return the lenses of a project's images, each once; ``v=0`` is the value of image 0."""
     images: list[dict[str, str]] = []
     if not re.search(r"^p .*\bf\d", content.text, re.MULTILINE):
         return {}
     for line in content.text.split("\n"):
         if line.startswith(("i ", "o ")):
-            words: dict[str, str] = {}
-            for key, value in _IMAGE.findall(line.partition(' n"')[0][2:]):
-                put_once(words, key, value)
-            if len(words.keys() & set("abcdegt")) not in (0, 7):
-                raise ArgumentError(f"expected all of a, b, c, d, e, g, t or none, got {shown(line)}")
-            for key, value in words.items():
-                if value.startswith("="):
-                    known = {str(i): image for i, image in enumerate(images)}.get(value[1:], {key: "nan"})
-                    words[key] = known.get(key, "0")
-            images.append(words)
+            images.append(_image(line, images))
     cameras: dict[str, Any] = {}
     for image in images:
         lens: Values = {key: number(key, image.get(key, 0)) for key in "whvabcdegt"}
@@ -64,43 +55,80 @@ def _images(content: Content) -> dict[str, Any]:
     return cameras
 
 
-def _numbers(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
-    """Panotools: ``r (a r^3 + b r^2 + c r + 1 - a - b - c)``, r = 1 at half the shorter side."""
+def _image(line: str, images: list[dict[str, str]]) -> dict[str, str]:
+    """Return the words of an image's line by key; ``images`` are those of the lines before it."""
+    words: dict[str, str] = {}
+    for key, value in _IMAGE.findall(line.partition(' n"')[0][2:]):
+        put_once(words, key, value)
+    if words.keys() & _CORRECTIONS not in (set(), _CORRECTIONS):
+        raise ArgumentError(f"expected all of a, b, c, d, e, g, t or none, got {shown(line)}")
+    for key, value in words.items():
+        if value.startswith("="):
+            words[key] = _value_of(images, value[1:], key)
+    return words
+
+
+def _value_of(images: list[dict[str, str]], index: str, key: str) -> str:
+    """Return the value of an image by its index; ``nan``, which is refused, if there is no such image."""
+    for i, image in enumerate(images):
+        if str(i) == index:
+            return image.get(key, "0")
+    return "nan"
+
+
+def _numbers(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Return the numbers of panotools' ``r' = r (a r^3 + b r^2 + c r + 1 - a - b - c)``.
+
+    r is 1 at half the shorter side; it is ``tan`` of the angle off the axis (0), or the angle itself (2, 3).
+
+    Args:
+        node: the image's values.
+        lens: its shift from the middle, ``du`` and ``dv``, and the word for its projection.
+    """
     a, b, c, g, t, v = (number(key, node.take(key, 0)) for key in "abcgtv")
     if g or t:
         raise ArgumentError(f"g, t: expected no shear (it is not modelled), got {g:.15g} and {t:.15g}")
-    unit = min(width, height) / 2
+    width = lens.width
+    half_px = min(width, lens.height) / 2
     angle = np.radians(number("v", v, above=0, most=360))
     first = 1 - a - b - c
-    if word == "0":
+    numbers = dict(lens.values)
+    if lens.word == "0":
         if a or c:
             raise wrong("a, c", "0 (odd powers of f0 are not modelled)", [a, c])
         focal = width / 2 / np.tan(number("v", v, below=180) * np.pi / 360)
-        own = {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}
-    elif word == "4":
-        if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
+        numbers["fx"] = focal * first
+        numbers["fy"] = focal * first
+        numbers["k1"] = b / first * (focal / half_px) ** 2
+        return lens._replace(values=numbers)
+    if lens.word == "4":
+        is_centred = not numbers["du"] and not numbers["dv"]
+        is_full = abs(v - 360) <= 1e-9 and width == 2 * lens.height
+        if a or b or c or not is_centred or not is_full:
             raise ArgumentError("f4: expected a full panorama, 2:1, without a, b, c, d, e; got another")
-        return {}, (width, height)
-    else:
-        scale = width / angle / unit  # of an angle to r
-        own = {f"c{i}": float(unit * term * scale**i) for i, term in enumerate((first, c, b, a), 1)}
-    return values | own, (width, height)
+        return lens._replace(values={})
+    scale = width / angle / half_px  # of an angle to r
+    for power, term in enumerate((first, c, b, a), start=1):
+        numbers[f"c{power}"] = float(half_px * term * scale**power)
+    return lens._replace(values=numbers)
 
 
+_SHIFT = (scalar("d", "du"), scalar("e", "dv"))
 HUGIN = Form(
     "hugin",
     "Hugin, PTGui, panotools: .pto",
-    "p-lines i-lines",
-    """
-    < 0 pinhole d=du e=dv
-    < 2|3 ftheta d=du e=dv
-    < 4 equirectangular d=du e=dv
-    """,
-    word="f",
-    size="w h",
-    shift=0.0,
-    split=_images,
-    finish=_numbers,
+    marks=("p-lines", "i-lines"),
+    layout=Layout(
+        models=(
+            Model("pinhole", _SHIFT, words=("0",), read_only=True),
+            Model("ftheta", _SHIFT, words=("2", "3"), read_only=True),
+            Model("equirectangular", _SHIFT, words=("4",), read_only=True),
+        ),
+        word=("f",),
+        size=("w", "h"),
+        shift_px=0.0,
+    ),
+    reading=Reading(split=_images, finish=_numbers),
     refused="other projections, shear, odd powers of rectilinear lenses; read only",
 )
 
@@ -112,7 +140,9 @@ def _read(content: Content) -> dict[str, Values]:
     """Return the numbers of a ``calib_results.txt``, columns first."""
     if not re.search(r"^#[ \t]*polynomial coefficients", content.text, re.MULTILINE):
         return {}
-    words = [word for line in content.text.splitlines() for word in line.partition("#")[0].split()]
+    words: list[str] = []
+    for line in content.text.splitlines():
+        words += line.partition("#")[0].split()
     polynomial, words = _counted("polynomial", words)
     _, words = _counted("inverse polynomial", words)
     row, column = numbers("center, row and column", words[:2], (2,)).tolist()
@@ -136,8 +166,11 @@ def _write(lens: Values) -> str:
         'affine parameters "c", "d", "e"': [*affine],
         'image size: "height" and "width"': [lens["height"], lens["width"]],
     }
-    # The blank lines are OCamCalib's: many readers count lines.
-    return "".join(f"#{title}\n\n{' '.join(map(str, values))}\n\n" for title, values in sections.items())
+    text = ""
+    for title, values in sections.items():
+        # The blank lines are OCamCalib's: many readers count lines.
+        text += f"#{title}\n\n{' '.join(map(str, values))}\n\n"
+    return text
 
 
 def _counted(key: str, words: list[str]) -> tuple[Array, list[str]]:
@@ -180,10 +213,26 @@ def _inverse(polynomial: Array, affine: Array, center: tuple[float, float], size
 OCAMCALIB = Form(
     "ocamcalib",
     "OCamCalib: calib_results.txt",
-    "polynomial coefficients",
-    f"- scaramuzza polynomial={';'.join(Scaramuzza.lens.distortion[0].names)} affine=c,d,e center=cx,cy",
-    size="width height",
-    split=_read,
-    dump=_write,
+    marks=("polynomial", "coefficients"),
+    layout=Layout(
+        models=(
+            Model(
+                "scaramuzza",
+                keys=(
+                    array(
+                        "polynomial",
+                        *("a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7", "a8", "a9"),
+                        *("a10", "a11", "a12", "a13", "a14", "a15", "a16", "a17", "a18", "a19"),
+                        counts=tuple(range(1, 21)),
+                    ),
+                    array("affine", "c", "d", "e"),
+                    array("center", "cx", "cy"),
+                ),
+            ),
+        ),
+        size=("width", "height"),
+    ),
+    reading=Reading(split=_read),
+    writing=Writing(dump=_write),
     refused="an affine part that mirrors",
 )

@@ -21,10 +21,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, shown, wrong
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, matrix_3x4, rotation_of
+from omniscv.calibration.forms import (
+    Entry,
+    Form,
+    Layout,
+    LensNumbers,
+    PoseMatrix,
+    Reading,
+    Writing,
+    matrix_3x4,
+    rotation_of,
+)
+from omniscv.calibration.keys import Model, Number, array, scalar
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
-from omniscv.calibration.parts import Sized
-from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
+from omniscv.calibration.table import HEIGHT, UPRIGHT, WIDTH, D, distortion
 from omniscv.cameras import Camera, create
 from omniscv.cameras.lens_parameters import Numbers
 from omniscv.cameras.rig import ORIGIN
@@ -35,57 +45,81 @@ _log = logging.getLogger("omniscv")
 Floats = NDArray[np.float64]
 
 K = (
-    "camera_matrix|K|mtx|intrinsic_matrix|camera_intrinsics|intrinsics|intrinsic|cam_matrix|cam_mtx|cameraMat|"
-    "camera_matrix_row_major|camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|intri|new_K"
-)
-_FOUR = "intrinsics|intrinsic|camera_intrinsics|cam_intrinsics=fx,fy,cx,cy"
-_UPRIGHT = "fx,0,cx,0,fy,cy,0,0,1"
-_SKEWED = "fx,s,cx,0,fy,cy,0,0,1"
-_SIZES = f"{WIDTH} {HEIGHT}"
-_WORDS = "distortion_model|distortion_type|lens_model|lens_type"
+    "camera_matrix", "K", "mtx", "intrinsic_matrix", "camera_intrinsics", "intrinsics", "intrinsic",
+    "cam_matrix", "cam_mtx", "cameraMat", "camera_matrix_row_major", "camera_mat", "M", "matrix", "cmtx",
+    "K_matrix", "intrinsics_matrix", "camera_intrinsic", "camera_matrix_K", "camMatrix", "intr", "intri",
+    "new_K",
+)  # fmt: skip
+"""What people call the matrix."""
+_FOUR = array(("intrinsics", "intrinsic", "camera_intrinsics", "cam_intrinsics"), "fx", "fy", "cx", "cy")
+_FISHEYE4: tuple[Number, ...] = ("k1", "k2", "k3", "k4")
+_SKEWED: tuple[Number | int, ...] = ("fx", "s", "cx", 0, "fy", "cy", 0, 0, 1)
+_SIZES = (WIDTH, HEIGHT)
+_WORDS = ("distortion_model", "distortion_type", "lens_model", "lens_type")
 _LOOSE_WORDS = (
-    "camera_model|model|type|model_type|camera_type|calibration_type|calibration_model|projection_model"
-)
-_FLAGS = "fisheye_model|fisheye|is_fisheye|use_fisheye"
+    "camera_model", "model", "type", "model_type", "camera_type", "calibration_type", "calibration_model",
+    "projection_model",
+)  # fmt: skip
+"""Keys of words that may name a camera instead of its model."""
+_FLAGS = ("fisheye_model", "fisheye", "is_fisheye", "use_fisheye")
 _PLAIN_WORDS = ("radtan", "none", "pinhole", "perspective", "frame")
 _OTHER_WORDS = (
-    " fov atan doublesphere ds eucm ucm omni omnidirectional mei unified extendedunified thinprismfisheye "
-    "division ftheta inversebrownconrady modifiedbrownconrady scaramuzza ocam radtanthinprismfisheye "
-    "fisheye624 spherical "
-)
+    "fov", "atan", "doublesphere", "ds", "eucm", "ucm", "omni", "omnidirectional", "mei", "unified",
+    "extendedunified", "thinprismfisheye", "division", "ftheta", "inversebrownconrady",
+    "modifiedbrownconrady", "scaramuzza", "ocam", "radtanthinprismfisheye", "fisheye624", "spherical",
+)  # fmt: skip
 _SIDE = r"left|right|l|r|rgb|colou?r|depth|ir|infrared|event|thermal|cam(?:era)?[0-9]?"
-_SIDED = rf"(?:(?P<name>{_SIDE})\.?(?:camera)??)??(?P<key>{plain(f'{K}|{D}')})\.?(?P<after>{_SIDE}|[0-9])?"
+_KEYS = plain("|".join((*K, *D)))
+_SIDED = rf"(?:(?P<name>{_SIDE})\.?(?:camera)??)??(?P<key>{_KEYS})\.?(?P<after>{_SIDE}|[0-9])?"
+_LONG_SIDES = {"l": "left", "r": "right"} | {str(i): f"cam{i}" for i in range(10)}
 _FARTHEST_M = 10.0  # cameras of a pair; T is in the unit of the board, which may be mm
-_STEREO = "R, T"  # in one
+_STEREO = "R, T"
+"""The key that gets both as one matrix."""
 EITHER = "opencv or opencv-fisheye"
 
 
 def model_of(node: Node) -> str:
     """Return which of the three models a camera has; ``EITHER`` where four coefficients may be of two;
     ArgumentError for a word for another model."""
-    given = floats("distortion_coefficients", node.take(D, []) or [])
-    if node.has("xi") and (len(given) == 4 or any(floats("xi", node.take("xi")))):
+    coefficients = floats("distortion_coefficients", node.take(D, []) or [])
+    if node.has("xi") and (len(coefficients) == 4 or any(floats("xi", node.take("xi")))):
         return "opencv-omnidir"
-    for word in (canonical(node.take(paths)) for paths in (_WORDS, _LOOSE_WORDS) if node.has(paths)):
+    by_word = _model_of_words(node)
+    if by_word is not None:
+        return by_word
+    flag = str(node.take(_FLAGS, "")).lower().removesuffix(".0")
+    if flag in ("1", "true"):
+        return "opencv-fisheye"
+    if flag in ("0", "false"):
+        return "opencv"
+    return EITHER if len(coefficients) == 4 and any(coefficients) else "opencv"
+
+
+def _model_of_words(node: Node) -> str | None:
+    """Return the model that a camera's words name; None if they name none, ArgumentError if another one."""
+    is_certain = node.has(_WORDS)
+    for paths in (_WORDS, _LOOSE_WORDS):
+        if not node.has(paths):
+            continue
+        word = canonical(node.take(paths))
         if word == "equidistant":
             return "opencv-fisheye"
-        if word in _PLAIN_WORDS and (word != "none" or node.has(_WORDS)):
+        if word in _PLAIN_WORDS and (word != "none" or is_certain):
             return "opencv"
-        if f" {word} " in _OTHER_WORDS or (node.has(_WORDS) and isinstance(node.take(_WORDS), str)):
-            got = node.take(_WORDS, None) or node.take(_LOOSE_WORDS)
-            raise wrong("distortion_model", "plumb_bob, rational_polynomial or equidistant", got)
-    flag = str(node.take(_FLAGS, "")).lower().removesuffix(".0")
-    if flag in ("0", "1", "true", "false"):
-        return "opencv-fisheye" if flag in ("1", "true") else "opencv"
-    return EITHER if len(given) == 4 and any(given) else "opencv"
+        if word in _OTHER_WORDS or (is_certain and isinstance(node.take(_WORDS), str)):
+            value = node.take(_WORDS, None) or node.take(_LOOSE_WORDS)
+            raise wrong("distortion_model", "plumb_bob, rational_polynomial or equidistant", value)
+    return None
 
 
-def _set_stereo(found: dict[str, Node], pose: Mapping[str, Any]) -> None:
+def _set_stereo(nodes: dict[str, Node], pose: Mapping[str, Any]) -> None:
     """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``."""
-    if len(found) == 2 and pose.get("R") is not None and pose.get("T") is not None:
-        poses = np.eye(4)[:3], matrix_3x4("R", pose["R"], pose["T"])
-        for node, rows in zip(found.values(), poses, strict=True):
-            node.values = {**node.values, _STEREO: rows.tolist()}
+    if len(nodes) != 2 or pose.get("R") is None or pose.get("T") is None:
+        return
+    first, second = nodes.values()
+    T_c_b = matrix_3x4("R", pose["R"], pose["T"])
+    first.values = {**first.values, _STEREO: np.eye(4)[:3].tolist()}
+    second.values = {**second.values, _STEREO: T_c_b.tolist()}
 
 
 def _is_matrix(node: Node) -> bool:
@@ -96,17 +130,23 @@ def _is_matrix(node: Node) -> bool:
 
 def _sides(document: Any, outer: tuple[Any, ...] = ()) -> dict[str, Node]:
     """Return the cameras of keys such as K1, D1, or left_camera_matrix; R and T lead to the second."""
+    nodes: dict[str, Node] = {}
     if not isinstance(document, Mapping):
-        return {}
-    sides, shared = families(document, _SIDED)
-    sides = {side: lens for side, lens in sides.items() if Node(lens).has(K)}
-    if not sides:
-        return {k: v for below in document.values() for k, v in _sides(below, (document, *outer)).items()}
-    pose: Values = {str(key): shared.pop(key) for key in ("R", "T") if key in shared}
-    long = {"l": "left", "r": "right"} | {str(i): f"cam{i}" for i in range(10)}
-    found = {long.get(side, side): Node({**shared, **sides[side]}, outer) for side in sorted(sides)}
-    _set_stereo(found, pose)
-    return found
+        return nodes
+    families_by_side, shared = families(document, _SIDED)
+    lenses = {side: lens for side, lens in families_by_side.items() if Node(lens).has(K)}
+    if not lenses:
+        for below in document.values():
+            nodes |= _sides(below, (document, *outer))
+        return nodes
+    pose: Values = {}
+    for key in ("R", "T"):
+        if key in shared:
+            pose[key] = shared.pop(key)
+    for side in sorted(lenses):
+        nodes[_LONG_SIDES.get(side, side)] = Node({**shared, **lenses[side]}, outer)
+    _set_stereo(nodes, pose)
+    return nodes
 
 
 class OpenCV(Form):
@@ -138,30 +178,59 @@ class OpenCV(Form):
         return models == {self.name}
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        """Return the cameras; poses of two by R and T, whose unit is that of the board."""
+        """Return the cameras; poses of two by R and T, whose unit is that of the board.
+
+        Args:
+            content: the file.
+            size: width and height of the images, px, where the file does not hold them.
+        """
         entries = super().read(content, size)
-        apart = max(np.linalg.norm(one.pose.position) if one.pose else 0.0 for one in entries.values())
-        says = "taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart"
+        apart = 0.0
+        for entry in entries.values():
+            if entry.pose is not None:
+                apart = max(apart, float(np.linalg.norm(entry.pose.position)))
         if apart > _FARTHEST_M:
             entries = {name: entry._replace(pose=None) for name, entry in entries.items()}
-            says = "expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000"
-            says += " if it is in mm"
-        if apart:
-            _log.warning("T: " + says, apart)
+            _log.warning(
+                "T: expected metres between two cameras, got %.6g: the poses are left out; "
+                "divide T by 1000 if it is in mm",
+                apart,
+            )
+        elif apart:
+            _log.warning(
+                "T: taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart",
+                apart,
+            )
         return entries
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
-        if (model := model_of(node)) not in (self.name, EITHER):
+        """Return a camera of a file.
+
+        Args:
+            node: its mapping.
+            size: width and height of the image, px, where the file does not hold them.
+
+        Raises:
+            ArgumentError: a camera of another of the three models, or what we do not model.
+        """
+        model = model_of(node)
+        if model not in (self.name, EITHER):
             raise ArgumentError(f"expected a camera of {self.name}, got {model}: read the file as {model!r}")
         for path in (_WORDS, _LOOSE_WORDS, _FLAGS):
             node.take(path, None)
         return super().entry(node, size)
 
     def text(self, document: Any, suffix: str) -> str:
-        """Return the text of ``cv2.FileStorage``, by the suffix ``.yml``, ``.xml`` or ``.json``."""
+        """Return the text of ``cv2.FileStorage``.
+
+        Args:
+            document: numbers, and lists of them, by key.
+            suffix: of the file's name, ``.yml``, ``.yaml``, ``.xml`` or ``.json``; any other is ``.yml``.
+        """
         import cv2  # slow to load, and reading does without
 
-        suffix = suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml"
+        if suffix not in (".yml", ".yaml", ".xml", ".json"):
+            suffix = ".yml"
         storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
         terms = (1, -1) if "xi" in document else (-1, 1)  # as the samples of the modules have them
         for key, value in document.items():
@@ -171,53 +240,88 @@ class OpenCV(Form):
         return str(storage.releaseAndGetString())
 
 
-def _form(name: str, programs: str, models: str, **constant: int) -> OpenCV:
-    harmless = "^(rectification|projection)matrix$"
-    poses = ((_STEREO, "T_c_b"),)
-    return OpenCV(name, programs, K, models, size=_SIZES, poses=poses, harmless=harmless, constant=constant)
+def _form(name: str, programs: str, *models: Model, constant: Mapping[str, int] | None = None) -> OpenCV:
+    """Return the form of a model, by the ways in which files have its numbers."""
+    layout = Layout(
+        models=models,
+        size=_SIZES,
+        poses=(PoseMatrix(_STEREO, "T_c_b"),),
+        harmless="^(rectification|projection)matrix$",
+    )
+    return OpenCV(name, programs, marks=(K,), layout=layout, writing=Writing(constant=constant or {}))
 
 
+_COEFFICIENTS = distortion(D, optional=True)
+_FISHEYE_COEFFICIENTS = array(D, *_FISHEYE4, 0, counts=(4, 5))
 OPENCV = _form(
     "opencv",
     "OpenCV's samples, numpy archives, scripts: K and D in any spelling",
-    f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}\n< - pinhole {_FOUR} {D}?={PLAIN}",
-    fisheye_model=0,
+    Model("pinhole", (array(K, *UPRIGHT), _COEFFICIENTS)),
+    Model("pinhole", (_FOUR, _COEFFICIENTS), read_only=True),
+    constant={"fisheye_model": 0},
 )
 FISHEYE = _form(
     "opencv-fisheye",
     "the same of cv2.fisheye",
-    f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0\n< - kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0",
-    fisheye_model=1,
+    Model("kannala-brandt", (array(K, *_SKEWED), _FISHEYE_COEFFICIENTS)),
+    Model("kannala-brandt", (_FOUR, _FISHEYE_COEFFICIENTS), read_only=True),
+    constant={"fisheye_model": 1},
 )
-OMNIDIR = _form("opencv-omnidir", "the same of cv2.omnidir", f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2")
+OMNIDIR = _form(
+    "opencv-omnidir",
+    "the same of cv2.omnidir",
+    Model("unified", (array(K, *_SKEWED), scalar("xi", "xi"), array(D, "k1", "k2", "p1", "p2"))),
+)
 
 
-def _binned(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
+def _binned(node: Node, lens: LensNumbers) -> LensNumbers:
     """Crop to the region of interest, then bin: pixels of the sensor become those of the image."""
-    size = []
-    for axis, full in (("x", width), ("y", height)):
-        by = max(1, whole(f"binning_{axis}", node.take(f"binning_{axis}", 1) or 1))
-        side = {"x": "width", "y": "height"}[axis]
-        start = number("roi", node.take(f"roi.{axis}_offset", 0), least=0)
-        part = int(number("roi", node.take(f"roi.{side}", 0), least=0)) or full
-        if start + part > full:
-            raise ArgumentError(f"roi: expected a part of the image of {full} px, got {start:.15g} + {part}")
-        values[f"f{axis}"] /= by
-        values[f"c{axis}"] = (values[f"c{axis}"] + 0.5 - start) / by - 0.5
-        size.append(part // by)
+    values = dict(lens.values)
+    width = _bin_axis(node, values, "x", "width", lens.width)
+    height = _bin_axis(node, values, "y", "height", lens.height)
     node.take("roi.do_rectify", None)
-    return values, (size[0], size[1])
+    return lens._replace(values=values, width=width, height=height)
+
+
+def _bin_axis(node: Node, values: Numbers, axis: str, side: str, full: int) -> int:
+    """Change the focal length and the centre of one axis, px; return the size of the image along it, px.
+
+    Args:
+        node: of ``camera_info``.
+        values: those of the lens, in pixels of the sensor, whose centres are at whole numbers.
+        axis: x or y.
+        side: ``width`` or ``height``.
+        full: size of the sensor's image, px.
+    """
+    by = max(1, whole(f"binning_{axis}", node.take(f"binning_{axis}", 1) or 1))
+    start = number("roi", node.take(f"roi.{axis}_offset", 0), least=0)
+    part = int(number("roi", node.take(f"roi.{side}", 0), least=0)) or full
+    if start + part > full:
+        raise ArgumentError(f"roi: expected a part of the image of {full} px, got {start:.15g} + {part}")
+    values[f"f{axis}"] /= by
+    values[f"c{axis}"] = (values[f"c{axis}"] + 0.5 - start) / by - 0.5
+    return part // by
+
+
+_TURNED = ("rectification_matrix", "R", "rectification")
+_PROJECTION = ("projection_matrix", "P", "projection")
 
 
 class Ros(Form):
     """``camera_info``: the camera of the raw picture; and of the rectified one, where that is turned."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        """Return the cameras of a file by name, and that of a rectified picture as ``NAME-rectified``.
+
+        Args:
+            content: the file.
+            size: width and height of the images, px, where the file does not hold them.
+        """
         entries = super().read(content, size)
         nodes = self.nodes(content)
         for name, node in nodes.items():
-            turn = floats("rectification_matrix", node.take("rectification_matrix|R|rectification", []) or [])
-            P = floats("projection_matrix", node.take("projection_matrix|P|projection", []) or [])
+            turn = floats("rectification_matrix", node.take(_TURNED, []) or [])
+            P = floats("projection_matrix", node.take(_PROJECTION, []) or [])
             if len(turn) != 9 or not any(turn) or np.abs(rotation_of(turn) - np.eye(3)).max() < 1e-9:
                 continue
             if len(P) != 12 or not P[0]:
@@ -230,22 +334,33 @@ class Ros(Form):
         return entries
 
 
+_MATRIX = array(K, *UPRIGHT)
+_PLUMB_BOB = ("plumb_bob", "rational_polynomial")
+_FISHEYE_D = array(D, *_FISHEYE4)
 ROS = Ros(
     "ros",
     "ROS 1 and 2: camera_info as file, .ini or print",
-    f"{K} distortion_model|rectification_matrix|projection_matrix|rectification|projection|P",
-    f"""
-    plumb_bob|rational_polynomial pinhole {K}={_UPRIGHT} {D}=;{PLAIN}
-    none pinhole {K}={_UPRIGHT} {D}=;k1,k2,p1,p2,k3
-    equidistant kannala-brandt {K}={_UPRIGHT} {D}=k1,k2,k3,k4
-    < plumb_bob|rational_polynomial pinhole {_FOUR} {D}=;{PLAIN}
-    < equidistant kannala-brandt {_FOUR} {D}=k1,k2,k3,k4
-    """,
-    word="distortion_model|camera_model",
-    size=_SIZES,
-    constant={"camera_name": "camera"},
-    harmless="^r(ectification(matrix)?)?$|^p(rojection(matrix)?)?$",
-    finish=_binned,
+    marks=(
+        K,
+        (
+            *("distortion_model", "rectification_matrix", "projection_matrix"),
+            *("rectification", "projection", "P"),
+        ),
+    ),
+    layout=Layout(
+        models=(
+            Model("pinhole", (_MATRIX, distortion(D, or_none=True)), _PLUMB_BOB),
+            Model("pinhole", (_MATRIX, array(D, "k1", "k2", "p1", "p2", "k3", counts=(0, 5))), ("none",)),
+            Model("kannala-brandt", (_MATRIX, _FISHEYE_D), ("equidistant",)),
+            Model("pinhole", (_FOUR, distortion(D, or_none=True)), _PLUMB_BOB, read_only=True),
+            Model("kannala-brandt", (_FOUR, _FISHEYE_D), ("equidistant",), read_only=True),
+        ),
+        word=(("distortion_model", "camera_model"),),
+        size=_SIZES,
+        harmless="^r(ectification(matrix)?)?$|^p(rojection(matrix)?)?$",
+    ),
+    reading=Reading(finish=_binned),
+    writing=Writing(constant={"camera_name": "camera"}),
 )
 
 
@@ -260,7 +375,8 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
             0.5 is added to cx and cy.
         D: 4, 5, 8, 12 or 14 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, 0, 0), as (N,), (N, 1)
             or (1, N).
-        width, height: image size, px; K and D do not hold it.
+        width: of the image, px; K and D do not hold it.
+        height: of the image, px.
     """
     return _camera(OPENCV, width, height, K, D)
 
@@ -281,7 +397,8 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
         K: (3, 3), px, ``[[fx, fx skew, cx], [0, fy, cy], [0, 0, 1]]`` with pixel centres at whole numbers:
             0.5 is added to cx and cy.
         D: four numbers (k1, k2, k3, k4), as (4,), (4, 1) or (1, 4).
-        width, height: image size, px.
+        width: of the image, px.
+        height: of the image, px.
     """
     return _camera(FISHEYE, width, height, K, D)
 
@@ -303,7 +420,8 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
         K: (3, 3) as :func:`from_opencv_fisheye` takes it.
         xi: no unit.
         D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
-        width, height: image size, px.
+        width: of the image, px.
+        height: of the image, px.
     """
     return _camera(OMNIDIR, width, height, K, D, xi=np.squeeze(np.asarray(xi, dtype=object)).tolist())
 
@@ -315,14 +433,16 @@ def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
 
 
 def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike, **more: Any) -> Camera:
+    """Return the camera of arrays by a form; ``more`` are other keys of its values."""
     arrays = {"K": np.asarray(K, dtype=object).tolist(), "D": np.asarray(D, dtype=object).tolist()}
     if len(floats("K", arrays["K"])) != 9:
         raise ArgumentError(f"K: expected 3 x 3 finite numbers, got {shown(K)}")
-    row, values = form.row(Node(arrays | more), "none")
-    return form.camera(row, width, height, values)
+    model, values = form.model(Node(arrays | more), ())
+    return form.camera(model, LensNumbers(values, width, height))
 
 
 def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
-    row, values = form.held(camera)
-    matrix, terms = (np.array(key.write(values)) for key in row.keys if len(key.names) > 1)
+    """Return K (3, 3), D, and all numbers of a camera by a form."""
+    model, values = form.held(camera)
+    matrix, terms = [np.array(key.write(values)) for key in model.keys if key.is_list]
     return matrix.reshape(3, 3), terms, values

@@ -1,4 +1,4 @@
-"""Where the cameras of a file stand, for rows whose marks do not say it, and how they are put together."""
+"""What forms do that no place in a mapping says: find the cameras of a file, finish and join them."""
 
 import logging
 import re
@@ -9,53 +9,74 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, matrix_3x4, matrix_of_pose
+from omniscv.calibration.forms import Entry, Form, LensNumbers, matrix_3x4, matrix_of_pose
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
-from omniscv.cameras.lens_parameters import Numbers
 from omniscv.cameras.rig import ORIGIN
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 
 _log = logging.getLogger("omniscv")
-Sized = tuple[Numbers, tuple[int, int]]
 
 
-def shutter(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
-    """Check VINS's switch of the rolling shutter; a time that it switches off does not act."""
-    on = number("rolling_shutter", node.take("rolling_shutter", 1) or 0)
-    if not on and "rolling_shutter_tr" in node.values:
-        node.values = {key: value for key, value in node.values.items() if key != "rolling_shutter_tr"}
-    return values, (width, height)
+def shutter(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Check VINS's switch of the rolling shutter, and drop a time that it switches off.
+
+    Args:
+        node: the camera's mapping, which loses the time.
+        lens: its numbers, which are returned as they are.
+    """
+    is_on = number("rolling_shutter", node.take("rolling_shutter", 1) or 0)
+    if not is_on:
+        values = dict(node.values)
+        values.pop("rolling_shutter_tr", None)
+        node.values = values
+    return lens
 
 
 def orb_cameras(content: Content) -> dict[str, Any]:
     """Return the cameras of ``Camera.fx``, or of ``Camera1.fx`` and ``Camera2.fx``."""
     cameras: dict[str, Any] = {}
-    for node in mappings(content, "Camera1.fx|Camera.fx"):
+    for node in mappings(content, ("Camera1.fx", "Camera.fx")):
         if not any(key.startswith("Camera") and ".fx" in key for key in node.values):
             continue  # another program's "camera" with "fx" in it
-        first = dict(leaves(node.values))
-        second = {key: first.pop(key) for key in [*first] if key.startswith("Camera2.")}
+        first: Values = {}
+        second: Values = {}
+        pose: Values = {}
+        shared: Values = {}
+        for key, value in leaves(node.values):
+            if key.startswith("Camera2."):
+                second[key.replace("Camera2.", "Camera1.")] = value
+                continue
+            first[key] = value
+            if key in ("Stereo.T_c1_c2", "Tlr"):
+                pose[key] = value
+            elif key.startswith("Camera."):
+                shared[key] = value
         cameras[f"cam{len(cameras)}"] = first
         if second:
-            shared = {key: first.pop(key) for key in [*first] if key in ("Stereo.T_c1_c2", "Tlr")}
-            shared |= {key: value for key, value in first.items() if key.startswith("Camera.")}
+            for key in pose:
+                del first[key]
             first["Stereo.T_c1_c2"] = np.eye(4).tolist()
-            second = {key.replace("Camera2.", "Camera1."): value for key, value in second.items()}
-            cameras[f"cam{len(cameras)}"] = second | shared
+            cameras[f"cam{len(cameras)}"] = second | pose | shared
     return cameras
 
 
 def by_baseline(node: Node, entries: dict[str, Entry]) -> dict[str, Entry]:
-    """Return a rectified stereo rig: the same camera twice, the second one a baseline to the right."""
-    if len(entries) != 1 or node.has("RGBD.DepthMapFactor|DepthMapFactor|depthmap_factor"):
+    """Return a rectified stereo rig: the same camera twice, the second one a baseline to the right.
+
+    Args:
+        node: the document, which may hold a baseline, m, or its product with fx, px.
+        entries: the cameras that were read; returned as they are where they are no such rig.
+    """
+    if len(entries) != 1 or node.has(("RGBD.DepthMapFactor", "DepthMapFactor", "depthmap_factor")):
         return entries
     ((name, entry),) = entries.items()
     fx = getattr(entry.camera, "fx", None)
+    bf = ("Camera.bf", "Camera.focal_x_baseline")
     if node.has("Stereo.b"):
         baseline = number("Stereo.b", node.take("Stereo.b"))
-    elif node.has("Camera.bf|Camera.focal_x_baseline") and fx:
-        baseline = number("Camera.bf", node.take("Camera.bf|Camera.focal_x_baseline")) / fx
+    elif node.has(bf) and fx:
+        baseline = number("Camera.bf", node.take(bf)) / fx
     else:
         return entries
     right = entry._replace(pose=Pose(np.array([baseline, 0, 0]), np.eye(3)))
@@ -67,80 +88,129 @@ def join_orb(cameras: dict[str, Values]) -> Values:
     first, *others = cameras.values()
     document = {"File.version": "1.0", **first}
     document.pop("Stereo.T_c1_c2", None)
+    shared = [key for key in first if key.startswith("Camera.")]
     for other in others:
-        if len(others) > 1 or any(other[key] != first[key] for key in first if key.startswith("Camera.")):
+        if len(others) > 1 or any(other[key] != first[key] for key in shared):
             wanted = "expected two at most, of one model and size (ORB-SLAM writes these once)"
             raise ArgumentError(f"cameras: {wanted}, got {len(cameras)}: {shown([*cameras.values()])}")
-        document |= {key.replace("Camera1.", "Camera2."): value for key, value in other.items()}
+        for key, value in other.items():
+            document[key.replace("Camera1.", "Camera2.")] = value
     return document
 
 
-_FOCAL = "fl_x|camera_angle_x"
+_FOCAL = ("fl_x", "camera_angle_x")
 _OF_A_FRAME = re.compile(r"path|matrix|mask|depth|time|index|id$|name|sharp|motion|camera_convention")
+"""Keys of a frame of ``transforms.json`` that are not of its lens."""
 
 
 def frames(content: Content) -> dict[str, Any]:
     """Return the camera of ``transforms.json``, or those of its frames where each has its own numbers."""
-    cameras: list[Values] = []
+    lenses: list[Values] = []
     for node in mappings(content, "frames"):
-        shared = node.values
-        listed = node.take("frames")
-        frames = listed if isinstance(listed, list) else []
-        with_own = [frame for frame in frames if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)]
-        of_frames = [lens_of_frame(shared, frame) for frame in with_own]
-        if of_frames and len(of_frames) < len(frames):
-            raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
-        for lens in of_frames or ([lens_of_frame(shared, {})] if node.has(_FOCAL) else []):
-            if lens not in cameras:
-                cameras.append(lens)
-    return {f"cam{i}": lens for i, lens in enumerate(cameras)}
+        for lens in _lenses(node):
+            if lens not in lenses:
+                lenses.append(lens)
+    return _numbered(lenses)
+
+
+def _lenses(node: Node) -> list[Values]:
+    """Return the lens of each frame of ``transforms.json``, or the only one; none without a focal length."""
+    frames = node.take("frames")
+    if not isinstance(frames, list):
+        frames = []
+    lenses = []
+    for frame in frames:
+        if isinstance(frame, Mapping) and Node(frame).has(_FOCAL):
+            lenses.append(lens_of_frame(node.values, frame))
+    if lenses and len(lenses) < len(frames):
+        raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
+    if not lenses and node.has(_FOCAL):
+        lenses.append(lens_of_frame(node.values, {}))
+    return lenses
+
+
+def _numbered(lenses: list[Values]) -> dict[str, Any]:
+    """Return cameras by the names ``cam0``, ``cam1``, ..."""
+    return {f"cam{i}": lens for i, lens in enumerate(lenses)}
 
 
 def lens_of_frame(shared: Mapping[str, Any], frame: Mapping[str, Any]) -> Values:
-    """Return the values of a frame's lens in ``transforms.json``: its own, else those of the file."""
-    own = {key: value for key, value in frame.items() if not _OF_A_FRAME.search(key)}
-    lens = {key: value for key, value in shared.items() if key != "frames"} | own
+    """Return the values of a frame's lens in ``transforms.json``: its own, else those of the file.
+
+    Args:
+        shared: the file's mapping.
+        frame: an item of its list ``frames``.
+    """
+    lens = dict(shared)
+    lens.pop("frames", None)
+    for key, value in frame.items():
+        if not _OF_A_FRAME.search(key):
+            lens[key] = value
     if lens.get("is_fisheye") and "camera_model" not in lens:
         lens["camera_model"] = "OPENCV_FISHEYE"
     return lens
 
 
-def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
-    """Turn a field of view from side to side into a focal length."""
-    for name, key, size in (("angle", "camera_angle_x", width), ("angle_y", "camera_angle_y", height)):
-        if name in values:
-            half = number(key, values.pop(name), above=0, below=np.pi) / 2
-            values["fy" if name == "angle_y" else "fx"] = float(size / 2 / np.tan(half))
-    return {"fy": values["fx"], **values} if "fx" in values else values, (width, height)
+def angle(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Turn a field of view from side to side into a focal length: ``fx = width / 2 / tan(angle / 2)``.
+
+    Args:
+        node: the camera's mapping, which is not used.
+        lens: its numbers, whose ``angle`` and ``angle_y``, radians, become ``fx`` and ``fy``.
+    """
+    values = dict(lens.values)
+    if "angle" in values:
+        half = number("camera_angle_x", values.pop("angle"), above=0, below=np.pi) / 2
+        values["fx"] = float(lens.width / 2 / np.tan(half))
+    if "angle_y" in values:
+        half = number("camera_angle_y", values.pop("angle_y"), above=0, below=np.pi) / 2
+        values["fy"] = float(lens.height / 2 / np.tan(half))
+    if "fx" in values:
+        values = {"fy": values["fx"], **values}
+    return lens._replace(values=values)
+
+
+KITTI_MATRICES = ("K_00", "K_01", "K_02", "P_rect_00", "P_rect_02", "P0", "P2")
+"""Keys of which a file of KITTI has one at least."""
 
 
 def kitti(content: Content) -> dict[str, Any]:
     """Return the cameras of K, D, S, R, T; and of P, the rectified ones, by ``P = K [I | offset]``."""
     cameras: dict[str, Any] = {}
-    for node in mappings(content, "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2"):
-        if node.has("K1|M1"):
+    for node in mappings(content, KITTI_MATRICES):
+        if node.has(("K1", "M1")):
             continue  # a pair of OpenCV's
-        parts, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
+        lenses, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
         upright = np.eye(4)
-        if "r" in parts.get("rect00", {}):
-            upright[:3] = matrix_3x4("R_rect_00", parts["rect00"]["r"], [0.0] * 3)
-        for name, lens in parts.items():
-            size = lens.get("s")
+        if "r" in lenses.get("rect00", {}):
+            upright[:3] = matrix_3x4("R_rect_00", lenses["rect00"]["r"], [0.0] * 3)
+        for name, lens in lenses.items():
             if "k" in lens:
-                cameras[name] = {"K": lens["k"], "D": Node(lens).take("D"), "S": size}
-                if "r" in lens:
-                    cameras[name]["T"] = matrix_3x4(f"R_{name}", lens["r"], Node(lens).take("T")).tolist()
+                cameras[name] = _kitti_raw(name, lens)
             elif "p" in lens:
-                P = np.array(floats(f"P_{name}", lens["p"]))
-                if P.size != 12 or not P[0]:
-                    raise wrong(f"P_{name}", "3 x 4 numbers of a camera", lens["p"])
-                P = P.reshape(3, 4)
-                offset = np.eye(4)
-                offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
                 label = name.replace("rect", "rect_") if "rect" in name else f"P{name}"
-                T_c_0 = (offset @ upright)[:3].ravel().tolist()
-                cameras[label] = {"K": P[:, :3].ravel().tolist(), "D": [], "S": size, "T": T_c_0}
+                cameras[label] = _kitti_rectified(name, lens, upright)
     return cameras
+
+
+def _kitti_raw(name: str, lens: Values) -> Values:
+    """Return the mapping of a camera of K, D, S, R and T, whose keys are in lower case."""
+    camera = {"K": lens["k"], "D": Node(lens).take("D"), "S": lens.get("s")}
+    if "r" in lens:
+        camera["T"] = matrix_3x4(f"R_{name}", lens["r"], Node(lens).take("T")).tolist()
+    return camera
+
+
+def _kitti_rectified(name: str, lens: Values, upright: Array) -> Values:
+    """Return the mapping of a camera of P; ``upright`` (4, 4) turns camera 0 to the rectified ones."""
+    numbers_of_p = floats(f"P_{name}", lens["p"])
+    if len(numbers_of_p) != 12 or not numbers_of_p[0]:
+        raise wrong(f"P_{name}", "3 x 4 numbers of a camera", lens["p"])
+    P = np.array(numbers_of_p).reshape(3, 4)
+    offset = np.eye(4)
+    offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
+    T_c_0 = (offset @ upright)[:3].ravel().tolist()
+    return {"K": P[:, :3].ravel().tolist(), "D": [], "S": lens.get("s"), "T": T_c_0}
 
 
 def join_kitti(cameras: dict[str, Values]) -> Values:
@@ -150,16 +220,19 @@ def join_kitti(cameras: dict[str, Values]) -> Values:
         if not re.fullmatch(r"\d\d", name):
             raise ArgumentError(f"{name}: expected names 00, 01, ..., got {shown(name)}")
         T = np.array(lens.get("T", np.eye(4).tolist()))
-        D = [*lens["D"], *[0.0] * 5][:5]
-        document |= {f"S_{name}": lens["S"], f"K_{name}": lens["K"], f"D_{name}": D}
-        document |= {f"R_{name}": T[:3, :3].ravel().tolist(), f"T_{name}": T[:3, 3].tolist()}
+        D = [*lens["D"], 0.0, 0.0, 0.0, 0.0, 0.0]
+        document[f"S_{name}"] = lens["S"]
+        document[f"K_{name}"] = lens["K"]
+        document[f"D_{name}"] = D[:5]
+        document[f"R_{name}"] = T[:3, :3].ravel().tolist()
+        document[f"T_{name}"] = T[:3, 3].tolist()
     return document
 
 
 def middlebury(content: Content) -> dict[str, Any]:
     """Return cam0 and cam1, which is straight to the right by the baseline, mm."""
     cameras: dict[str, Any] = {}
-    for node in mappings(content, "cam0 width height"):
+    for node in mappings(content, "cam0", "width", "height"):
         if not re.fullmatch(r"\[([-+\d.e]+[\s;\]]+){9}", str(node.take("cam0")).strip()):
             continue  # another program's "cam0"
         baseline = number("baseline", node.take("baseline", 0)) / 1000
@@ -175,15 +248,30 @@ def basalt(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
     for node in mappings(content, "value0.intrinsics"):
         rig = node.take("value0")
-        lists = [rig.get(key) for key in ("intrinsics", "resolution", "T_imu_cam")]
-        if not all(isinstance(items, list) and len(items) == len(lists[0] or []) for items in lists):
-            wanted = "expected intrinsics, resolution and T_imu_cam of every camera"
-            raise ArgumentError(f"value0: {wanted}, got other lists")
-        shared = {"cam_time_offset_ns": rig.get("cam_time_offset_ns", 0)}
-        for lens, size, pose in zip(*lists, strict=True):
-            own = {"resolution": size, "T_imu_cam": pose, **shared}
-            cameras[f"cam{len(cameras)}"] = {**(lens if isinstance(lens, Mapping) else {}), **own}
+        lenses = rig.get("intrinsics")
+        sizes = rig.get("resolution")
+        poses = rig.get("T_imu_cam")
+        for listed in (lenses, sizes, poses):
+            if not isinstance(listed, list) or len(listed) != len(lenses):
+                wanted = "expected intrinsics, resolution and T_imu_cam of every camera"
+                raise ArgumentError(f"value0: {wanted}, got other lists")
+        for lens, size, pose in zip(lenses, sizes, poses, strict=True):
+            values = dict(lens) if isinstance(lens, Mapping) else {}
+            values["resolution"] = size
+            values["T_imu_cam"] = pose
+            values["cam_time_offset_ns"] = rig.get("cam_time_offset_ns", 0)
+            cameras[f"cam{len(cameras)}"] = values
     return cameras
+
+
+def basalt_unified(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Set beta of basalt's unified model, which is the extended one with beta 1.
+
+    Args:
+        node: the camera's mapping, which is not used.
+        lens: its numbers.
+    """
+    return lens._replace(values=lens.values | {"beta": 1.0}) if lens.word == "ucm" else lens
 
 
 _ARIA_SIZES = {
@@ -207,30 +295,53 @@ def aria(content: Content) -> dict[str, Any]:
             label = str(entry.get("Label"))
             if label in cameras:
                 raise ArgumentError(f"Label: expected each label once, got {label} again")
-            size = sizes[i] if sizes is not None else entry.get("ImageSize", _ARIA_SIZES.get(label))
-            cameras[label] = lens = {**entry, "ImageSize": size}
-            pose = lens.get("T_Device_Camera")
+            cameras[label] = dict(entry)
+            if sizes is None:
+                cameras[label]["ImageSize"] = entry.get("ImageSize", _ARIA_SIZES.get(label))
+            else:
+                cameras[label]["ImageSize"] = sizes[i]
+            pose = entry.get("T_Device_Camera")
             if isinstance(pose, Mapping) and "UnitQuaternion" in pose:
-                turn = pose["UnitQuaternion"]
-                if not isinstance(turn, list) or len(turn) != 2:
-                    raise ArgumentError(f"UnitQuaternion: expected [w, [x, y, z]], got {shown(turn)}")
-                xyz = numbers("UnitQuaternion: [x, y, z]", turn[1], (3,)).tolist()
-                lens["T_Device_Camera"] = {**pose, "UnitQuaternion": [turn[0], *xyz]}
+                quaternion = _flat_quaternion(pose["UnitQuaternion"])
+                cameras[label]["T_Device_Camera"] = {**pose, "UnitQuaternion": quaternion}
     return cameras
+
+
+def _flat_quaternion(value: Any) -> list[Any]:
+    """Return [w, x, y, z] of Aria's [w, [x, y, z]]."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise ArgumentError(f"UnitQuaternion: expected [w, [x, y, z]], got {shown(value)}")
+    return [value[0], *numbers("UnitQuaternion: [x, y, z]", value[1], (3,)).tolist()]
 
 
 def join_aria(cameras: dict[str, Values]) -> Values:
     """Return the document; sizes are written where they are not those of the labels."""
     entries = []
-    sizes = [values.pop("ImageSize") for values in cameras.values()]
-    still = {"Translation": [0.0, 0.0, 0.0], "UnitQuaternion": [1.0, 0.0, 0.0, 0.0]}
+    sizes = []
+    are_of_labels = True
     for label, values in cameras.items():
-        pose = {**values.pop("T_Device_Camera", still)}
+        size = values.pop("ImageSize")
+        sizes.append(size)
+        if size != _ARIA_SIZES.get(label):
+            are_of_labels = False
+        pose = values.pop("T_Device_Camera", _AT_DEVICE)
         w, *xyz = pose["UnitQuaternion"]
-        own = {"T_Device_Camera": pose | {"UnitQuaternion": [w, xyz]}, "TimeOffsetSec_Device_Camera": 0.0}
-        entries.append({"Label": label, "SerialNumber": "", "Calibrated": True, **own, **values})
-    known = all(size == _ARIA_SIZES.get(label) for label, size in zip(cameras, sizes, strict=True))
-    return {"CameraCalibrations": entries} | ({} if known else {"ImageSizes": sizes})
+        entry = {
+            "Label": label,
+            "SerialNumber": "",
+            "Calibrated": True,
+            "T_Device_Camera": {**pose, "UnitQuaternion": [w, xyz]},
+            "TimeOffsetSec_Device_Camera": 0.0,
+        }
+        entries.append(entry | values)
+    document: Values = {"CameraCalibrations": entries}
+    if not are_of_labels:
+        document["ImageSizes"] = sizes
+    return document
+
+
+_AT_DEVICE = {"Translation": [0.0, 0.0, 0.0], "UnitQuaternion": [1.0, 0.0, 0.0, 0.0]}
+"""The pose of a camera without one."""
 
 
 def nuscenes(content: Content) -> dict[str, Any]:
@@ -247,27 +358,41 @@ def nuscenes(content: Content) -> dict[str, Any]:
 def metashape(content: Content) -> dict[str, Any]:
     """Return the calibrations of a lens file or of a project; the adjusted one of a sensor."""
     cameras: dict[str, Any] = {}
-
-    def visit(value: Any, name: str) -> None:
-        if isinstance(value, Mapping):
-            name = str(value.get("label", name))
-            listed = value.get("calibration")
-            lenses = [*filter(_is_metashape, listed if isinstance(listed, list) else [listed])]
-            if lenses:
-                adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
-                name = name if name not in cameras else f"{name}-{len(cameras)}"
-                cameras[name] = Node((adjusted or lenses)[0], (value,))  # the sensor may hold the size
-        if isinstance(value, Mapping | list):
-            for item in value.values() if isinstance(value, Mapping) else value:
-                visit(item, name)
-
-    for document in content.documents if content.text.lstrip().startswith("<") else []:
-        visit(document, "cam0")
+    if content.text.lstrip().startswith("<"):
+        for document in content.documents:
+            _add_calibrations(cameras, document, "cam0")
     return cameras
 
 
+def _add_calibrations(cameras: dict[str, Any], value: Any, name: str) -> None:
+    """Add the calibrations below an element of XML, by the label of the element that is nearest, or
+    ``name``."""
+    if isinstance(value, Mapping):
+        name = str(value.get("label", name))
+        lens = _calibration_of(value)
+        if lens is not None:
+            if name in cameras:
+                name = f"{name}-{len(cameras)}"
+            cameras[name] = Node(lens, (value,))  # the sensor may hold the size
+        for item in value.values():
+            _add_calibrations(cameras, item, name)
+    elif isinstance(value, list):
+        for item in value:
+            _add_calibrations(cameras, item, name)
+
+
+def _calibration_of(sensor: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the calibration of a sensor: the adjusted one, else the first; None if it has none."""
+    listed = sensor.get("calibration")
+    lenses = [lens for lens in (listed if isinstance(listed, list) else [listed]) if _is_metashape(lens)]
+    for lens in lenses:
+        if lens.get("class") == "adjusted":
+            return lens
+    return lenses[0] if lenses else None
+
+
 def _is_metashape(lens: Any) -> TypeGuard[Mapping[str, Any]]:
-    return isinstance(lens, Mapping) and Node(lens).has("f|width|resolution")
+    return isinstance(lens, Mapping) and Node(lens).has(("f", "width", "resolution"))
 
 
 def openmvg(content: Content) -> dict[str, Any]:
@@ -280,10 +405,11 @@ def openmvg(content: Content) -> dict[str, Any]:
                 continue
             key = int(number("polymorphic_id", node.take("value.polymorphic_id"))) & 0x3FFFFFFF
             names.setdefault(key, str(node.take("value.polymorphic_name", None)))
+            lens: Values = {"model": names[key]}
             data = node.take("value.ptr_wrapper.data")
-            lens = dict(leaves(data)) if isinstance(data, Mapping) else {}
-            own = {path.rpartition(".")[2]: value for path, value in lens.items()}
-            cameras[str(node.take("key", len(cameras)))] = {"model": names[key], **own}
+            for place, value in leaves(data) if isinstance(data, Mapping) else ():
+                lens[place.rpartition(".")[2]] = value
+            cameras[str(node.take("key", len(cameras)))] = lens
     return cameras
 
 
@@ -300,19 +426,23 @@ def dso(content: Content) -> dict[str, Any]:
     if match is None:
         return {}
     values = floats("numbers", match[2])
-    size = [int(match[3]), int(match[4])]
+    width = int(match[3])
+    height = int(match[4])
     if len(values) > 4 and values[2] < 1 and values[3] < 1:  # in parts of the size
-        values[:4] = [value * side for value, side in zip(values[:4], size * 2, strict=True)]
-        values[2:4] = [value - 0.5 for value in values[2:4]]
-    return {"cam0": {"model": match[1], "numbers": values, "size": size}}
+        values[0] *= width
+        values[1] *= height
+        values[2] = values[2] * width - 0.5
+        values[3] = values[3] * height - 0.5
+    return {"cam0": {"model": match[1], "numbers": values, "size": [width, height]}}
 
 
 def write_dso(values: Mapping[str, Any]) -> str:
     """Return the four lines of a camera; pictures are cropped where the lens bends them."""
-    size = " ".join(map(str, values["size"]))
+    width, height = values["size"]
     model = values["model"]
-    numbers = " ".join(f"{value:.17g}" for value in values["numbers"])
-    return f"{model} {numbers}\n{size}\n{'none' if model == 'Pinhole' else 'crop'}\n{size}\n"
+    numbers_of_model = " ".join(f"{value:.17g}" for value in values["numbers"])
+    crop = "none" if model == "Pinhole" else "crop"
+    return f"{model} {numbers_of_model}\n{width} {height}\n{crop}\n{width} {height}\n"
 
 
 _ZED_SIZES = {
@@ -324,60 +454,94 @@ _ZED_SIZES = {
 
 def zed(content: Content) -> dict[str, Any]:
     """Return the cameras of sections such as LEFT_CAM_HD, which have the same keys."""
-    sections: Values = {}
-    for node in mappings(content, ""):
-        sections |= {name: section for name, section in node.values.items() if isinstance(section, Mapping)}
-    cameras = {
-        name: {**section, "size": _ZED_SIZES.get(name.rpartition("_")[2])}
-        for name, section in sections.items()
-        if re.fullmatch(r"(LEFT|RIGHT)_CAM_[A-Z0-9]+", name)
-    }
-    for name, section in sections.items() if cameras else ():
-        if name not in cameras and (odd := [key for key in section if _ZED_LENS.fullmatch(key)]):
-            raise ArgumentError(f"{name}.{odd[0]}: expected this key in sections of cameras, got it here")
-    keys = [{key.lower() for key in lens} for lens in cameras.values()]
-    for name, own in zip(cameras, keys, strict=True):
-        if odd := sorted(own ^ keys[0]):
-            raise ArgumentError(f"{name}: expected the keys of the other cameras, got more or fewer: {odd}")
+    cameras: dict[str, Any] = {}
+    others: dict[str, Mapping[str, Any]] = {}
+    for node in mappings(content):
+        for name, section in node.values.items():
+            if not isinstance(section, Mapping):
+                continue
+            if re.fullmatch(r"(LEFT|RIGHT)_CAM_[A-Z0-9]+", name):
+                cameras[name] = {**section, "size": _ZED_SIZES.get(name.rpartition("_")[2])}
+            else:
+                others[name] = section
+    if cameras:
+        _check_sections(cameras, others)
     return cameras
+
+
+def _check_sections(cameras: Mapping[str, Values], others: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ArgumentError for keys of a lens in other sections, or cameras whose keys differ."""
+    for name, section in others.items():
+        for key in section:
+            if _ZED_LENS.fullmatch(key):
+                raise ArgumentError(f"{name}.{key}: expected this key in sections of cameras, got it here")
+    first = {key.lower() for key in next(iter(cameras.values()))}
+    for name, lens in cameras.items():
+        odd = sorted(first ^ {key.lower() for key in lens})
+        if odd:
+            raise ArgumentError(f"{name}: expected the keys of the other cameras, got more or fewer: {odd}")
 
 
 _ZED_LENS = re.compile(r"f[xy]|c[xy]|[kp]\d", re.IGNORECASE)
 
 
-def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
-    """Refuse stretches and digital lenses."""
+def gyroflow(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Refuse stretches and digital lenses.
+
+    Args:
+        node: the camera's mapping.
+        lens: its numbers, which are returned as they are.
+    """
     for key in ("input_horizontal_stretch", "input_vertical_stretch"):
-        if (value := number(key, node.take(key, 1) or 1)) != 1:
-            raise ArgumentError(f"{key}: expected 1 (stretches are not modelled), got {value:.15g}")
-    if canonical(lens := node.take("digital_lens", None)) not in ("none", ""):
-        raise ArgumentError(f"digital_lens: expected none (it is not modelled), got {shown(lens)}")
-    return values, (width, height)
+        stretch = number(key, node.take(key, 1) or 1)
+        if stretch != 1:
+            raise ArgumentError(f"{key}: expected 1 (stretches are not modelled), got {stretch:.15g}")
+    digital_lens = node.take("digital_lens", None)
+    if canonical(digital_lens) not in ("none", ""):
+        raise ArgumentError(f"digital_lens: expected none (it is not modelled), got {shown(digital_lens)}")
+    return lens
 
 
-_DISTORTION = "distortion_model|distortion_type|distortion.model|distortion.type"
+_DISTORTION = ("distortion_model", "distortion_type", "distortion.model", "distortion.type")
 
 
 class OfOthers(Form):
     """A form whose keys are ours as well, but for our mark."""
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
-        """Return a camera; beside the model of its distortion, ``model`` may be the name of a device."""
+        """Return a camera; beside the model of its distortion, ``model`` may be the name of a device.
+
+        Args:
+            node: its mapping.
+            size: width and height of the image, px, where the file does not hold them.
+        """
+        known: set[str] = set()
+        for model in self.layout.models:
+            known.update(map(canonical, model.words))
+        known -= {"pinhole", "perspective"}
         distortion = canonical(node.take(_DISTORTION, None))
-        known = {canonical(word) for row in self.rows for word in row.words} - {"pinhole", "perspective"}
-        if distortion in known - {"none"} and canonical(node.values.get("model")) not in known - {distortion}:
-            node.values = {key: value for key, value in node.values.items() if key != "model"}
+        is_known = distortion in known and distortion != "none"
+        if is_known and canonical(node.values.get("model")) not in known - {distortion}:
+            values = dict(node.values)
+            values.pop("model", None)
+            node.values = values
         return super().entry(node, size)
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        """Return the cameras, and say which pixel convention is taken."""
+        """Return the cameras, and say which pixel convention is taken.
+
+        Args:
+            content: the file.
+            size: width and height of the images, px, where the file does not hold them.
+        """
         from omniscv.cameras import names
 
         entries = super().read(content, size)
-        lenses = self.nodes(content).values()
-        if any(lens.has("cx") and lens.values.get("model", "pinhole") in names() for lens in lenses):
-            _log.warning(
-                "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at "
-                "whole numbers; add the mark where they are at .5"
-            )
+        for lens in self.nodes(content).values():
+            if lens.has("cx") and lens.values.get("model", "pinhole") in names():
+                _log.warning(
+                    "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at "
+                    "whole numbers; add the mark where they are at .5"
+                )
+                break
         return entries

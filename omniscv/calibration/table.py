@@ -1,227 +1,912 @@
-"""The forms of lens files as rows; :mod:`omniscv.calibration.forms` says how to read one.
+"""The forms of lens files that are declared; :mod:`omniscv.calibration.keys` says how to read one.
 
 Sources: the programs' own readers and writers, as of 2026; those of the half pixel in docs/calibration.md.
 """
 
-# A row is a block of few long lines.
-# fmt: off
-# ruff: noqa: E501
-
 from omniscv.calibration import documents, parts
-from omniscv.calibration.forms import Form
+from omniscv.calibration.forms import (
+    Form,
+    Layout,
+    PoseKeys,
+    PoseMatrix,
+    Reading,
+    Readout,
+    TimeOffset,
+    Writing,
+)
+from omniscv.calibration.keys import ANY, Key, Model, ModelName, Number, array, scalar, scalars
+from omniscv.calibration.nodes import Paths
 
-_K = "fx,0,cx,0,fy,cy,0,0,1"
-PLAIN = "k1,k2,p1,p2;k3;k4,k5,k6;s1,s2,s3,s4;0,0"
-CAMODOCAL = Form("camodocal", "camodocal, VINS-Mono, VINS-Fusion, KITTI-360's fisheyes",
-    "model_type projection_parameters|poly_parameters", """
-    MEI unified projection_parameters.gamma1=fx .gamma2=fy .u0=cx .v0=cy mirror_parameters.xi=xi distortion_parameters.k1? .k2? .p1? .p2?
-    KANNALA_BRANDT kannala-brandt projection_parameters.mu=fx .mv=fy .u0=cx .v0=cy .k2|distortion_parameters.k2=k1 projection_parameters.k3|distortion_parameters.k3=k2 projection_parameters.k4|distortion_parameters.k4=k3 projection_parameters.k5|distortion_parameters.k5=k4
-    PINHOLE pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2?
-    PINHOLE_FULL pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2? .k3? .k4? .k5? .k6?
-    < SCARAMUZZA scaramuzza poly_parameters.p0=a0 .p1=a1 .p2=a2 .p3=a3 .p4=a4 affine_parameters.ac=c .ad=d .ae=e .cx=cx .cy=cy
-    """,
-    word="model_type", syntax="opencv-yaml", readout=(("rolling_shutter_tr", 1.0, False),), time=("td", 1.0), harmless="^invpoly|^rollingshutter$",
-    constant={"camera_name": "camera"}, finish=parts.shutter, refused="SCARAMUZZA is read only")
+UPRIGHT: tuple[Number | int, ...] = ("fx", 0, "cx", 0, "fy", "cy", 0, 0, 1)
+"""A matrix K without skew, row by row."""
 
-_ORB_NUMBERS = "Camera1.fx|Camera.fx Camera1.fy|Camera.fy Camera1.cx|Camera.cx Camera1.cy|Camera.cy"
-def _orb_optional(names: str) -> str:
-    return " ".join(f"Camera1.{name}|Camera.{name}?" for name in names.split())
-ORB = Form("orb-slam", "ORB-SLAM2, ORB-SLAM3",
-    "Camera1.fx|Camera.fx", f"""
-    PinHole|none pinhole {_ORB_NUMBERS} {_orb_optional("k1 k2 p1 p2 k3")}
-    KannalaBrandt8 kannala-brandt {_ORB_NUMBERS} {_orb_optional("k1 k2 k3 k4").replace("?", "")}
-    """,
-    word="Camera.type", size="Camera.width Camera.height", syntax="opencv-yaml", poses=(("Stereo.T_c1_c2|Tlr", "T_b_c"),), split=parts.orb_cameras,
-    join=parts.join_orb, stereo=parts.by_baseline, from_first=True)
+_PINHOLE: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
+_RADTAN4: tuple[Number, ...] = ("k1", "k2", "p1", "p2")
+_RADTAN5: tuple[Number, ...] = (*_RADTAN4, "k3")
+_RADTAN8: tuple[Number, ...] = (*_RADTAN4, "k3", "k4", "k5", "k6")
+_RADTAN14: tuple[Number | int, ...] = (*_RADTAN8, "s1", "s2", "s3", "s4", 0, 0)
+_FISHEYE4: tuple[Number, ...] = ("k1", "k2", "k3", "k4")
 
-STELLA = Form("stella-vslam", "stella_vslam, OpenVSLAM",
-    "Camera.cols Camera.model", """
-    perspective pinhole Camera.fx .fy .cx .cy .k1? .k2? .p1? .p2? .k3?
-    fisheye kannala-brandt Camera.fx .fy .cx .cy .k1 .k2 .k3 .k4
-    radial_division division Camera.fx .fy .cx .cy .distortion=k
-    equirectangular equirectangular
-    """,
-    word="Camera.model", size="Camera.cols Camera.rows",
-    constant={"Camera.name": "camera", "Camera.setup": "monocular", "Camera.fps": 30.0, "Camera.color_order": "RGB"}, harmless="^stereorectifier",
-    stereo=parts.by_baseline)
 
-NERFSTUDIO = Form("nerfstudio", "nerfstudio, instant-ngp, NeRF's transforms.json",
-    "frames fl_x|camera_angle_x", """
-    PINHOLE|OPENCV|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx cy
-    OPENCV|PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx? cy? k1? k2? k3? p1? p2?
-    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=f cx? cy? k1? k2? k3? p1? p2?
-    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole camera_angle_x=angle camera_angle_y?=angle_y cx? cy? k1? k2? k3? p1? p2?
-    OPENCV_FISHEYE kannala-brandt fl_x=fx fl_y=fy cx cy k1? k2? k3? k4?
-    EQUIRECTANGULAR equirectangular fl_x?=W/2 fl_y?=H cx?=W/2 cy?=H/2
-    """,
-    word="camera_model", size="w h", shift=0.0, syntax="json", split=parts.frames, finish=parts.angle, constant={"frames": []},
-    harmless="^camera_?angle|^aabb|^(n|max|min)?k$")
+def distortion(paths: Paths, *, optional: bool = False, or_none: bool = False) -> Key:
+    """Return the key of a list of OpenCV's 4, 5, 8, 12 or 14 coefficients of a plain lens.
 
-KITTI = Form("kitti", "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
-    "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2", f"- pinhole K={_K} D=;k1,k2,p1,p2;k3",
-    size="S", syntax="lines", poses=(("T", "T_c_b"),), split=parts.kitti, join=parts.join_kitti, label="0{0}", refused="projections that are no camera's")
+    The last two of 14 tilt the sensor, and are 0.
 
-# Half pixel of Middlebury and nuScenes: documented nowhere; both were calibrated by programs that take whole numbers.
-MIDDLEBURY = Form("middlebury", "Middlebury's calib.txt, ETH3D's stereo",
-    "cam0 width height", f"< - pinhole K={_K}",
-    size="width height", poses=(("T", "T_b_c"),), split=parts.middlebury)
+    Args:
+        paths: its place.
+        optional: whether it may be missing.
+        or_none: whether the list may be empty.
+    """
+    counts = (4, 5, 8, 12, 14)
+    return array(paths, *_RADTAN14, counts=(0, *counts) if or_none else counts, optional=optional)
+
+
+CAMODOCAL = Form(
+    "camodocal",
+    "camodocal, VINS-Mono, VINS-Fusion, KITTI-360's fisheyes",
+    marks=("model_type", ("projection_parameters", "poly_parameters")),
+    layout=Layout(
+        models=(
+            Model(
+                "unified",
+                words=("MEI",),
+                keys=(
+                    scalar("projection_parameters.gamma1", "fx"),
+                    scalar("projection_parameters.gamma2", "fy"),
+                    scalar("projection_parameters.u0", "cx"),
+                    scalar("projection_parameters.v0", "cy"),
+                    scalar("mirror_parameters.xi", "xi"),
+                    *scalars(*_RADTAN4, below="distortion_parameters", optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("KANNALA_BRANDT",),
+                keys=(
+                    scalar("projection_parameters.mu", "fx"),
+                    scalar("projection_parameters.mv", "fy"),
+                    scalar("projection_parameters.u0", "cx"),
+                    scalar("projection_parameters.v0", "cy"),
+                    scalar(("projection_parameters.k2", "distortion_parameters.k2"), "k1"),
+                    scalar(("projection_parameters.k3", "distortion_parameters.k3"), "k2"),
+                    scalar(("projection_parameters.k4", "distortion_parameters.k4"), "k3"),
+                    scalar(("projection_parameters.k5", "distortion_parameters.k5"), "k4"),
+                ),
+            ),
+            Model(
+                "pinhole",
+                words=("PINHOLE",),
+                keys=(
+                    *scalars(*_PINHOLE, below="projection_parameters"),
+                    *scalars(*_RADTAN4, below="distortion_parameters", optional=True),
+                ),
+            ),
+            Model(
+                "pinhole",
+                words=("PINHOLE_FULL",),
+                keys=(
+                    *scalars(*_PINHOLE, below="projection_parameters"),
+                    *scalars(*_RADTAN8, below="distortion_parameters", optional=True),
+                ),
+            ),
+            Model(
+                "scaramuzza",
+                words=("SCARAMUZZA",),
+                keys=(
+                    scalar("poly_parameters.p0", "a0"),
+                    scalar("poly_parameters.p1", "a1"),
+                    scalar("poly_parameters.p2", "a2"),
+                    scalar("poly_parameters.p3", "a3"),
+                    scalar("poly_parameters.p4", "a4"),
+                    scalar("affine_parameters.ac", "c"),
+                    scalar("affine_parameters.ad", "d"),
+                    scalar("affine_parameters.ae", "e"),
+                    scalar("affine_parameters.cx", "cx"),
+                    scalar("affine_parameters.cy", "cy"),
+                ),
+                read_only=True,
+            ),
+        ),
+        word=("model_type",),
+        time=TimeOffset("td"),
+        readouts=(Readout("rolling_shutter_tr"),),
+        harmless="^invpoly|^rollingshutter$",
+    ),
+    reading=Reading(finish=parts.shutter),
+    writing=Writing("opencv-yaml", constant={"camera_name": "camera"}),
+    refused="SCARAMUZZA is read only",
+)
+
+
+def _of_first(*numbers: Number, optional: bool = False) -> tuple[Key, ...]:
+    """Return ORB-SLAM's keys of its first camera, or of its only one."""
+    keys = []
+    for number in numbers:
+        keys.append(scalar((f"Camera1.{number}", f"Camera.{number}"), number, optional=optional))
+    return tuple(keys)
+
+
+ORB = Form(
+    "orb-slam",
+    "ORB-SLAM2, ORB-SLAM3",
+    marks=(("Camera1.fx", "Camera.fx"),),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("PinHole", "none"),
+                keys=(*_of_first(*_PINHOLE), *_of_first(*_RADTAN5, optional=True)),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("KannalaBrandt8",),
+                keys=_of_first(*_PINHOLE, *_FISHEYE4),
+            ),
+        ),
+        word=("Camera.type",),
+        size=("Camera.width", "Camera.height"),
+        poses=(PoseMatrix(("Stereo.T_c1_c2", "Tlr"), "T_b_c"),),
+    ),
+    reading=Reading(split=parts.orb_cameras, stereo=parts.by_baseline),
+    writing=Writing("opencv-yaml", join=parts.join_orb, from_first=True),
+)
+
+STELLA = Form(
+    "stella-vslam",
+    "stella_vslam, OpenVSLAM",
+    marks=("Camera.cols", "Camera.model"),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("perspective",),
+                keys=(
+                    *scalars(*_PINHOLE, below="Camera"),
+                    *scalars(*_RADTAN5, below="Camera", optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("fisheye",),
+                keys=scalars(*_PINHOLE, *_FISHEYE4, below="Camera"),
+            ),
+            Model(
+                "division",
+                words=("radial_division",),
+                keys=(*scalars(*_PINHOLE, below="Camera"), scalar("Camera.distortion", "k")),
+            ),
+            Model("equirectangular", words=("equirectangular",)),
+        ),
+        word=("Camera.model",),
+        size=("Camera.cols", "Camera.rows"),
+        harmless="^stereorectifier",
+    ),
+    reading=Reading(stereo=parts.by_baseline),
+    writing=Writing(
+        constant={
+            "Camera.name": "camera",
+            "Camera.setup": "monocular",
+            "Camera.fps": 30.0,
+            "Camera.color_order": "RGB",
+        }
+    ),
+)
+
+_CENTER_AND_DISTORTION = scalars("cx", "cy", "k1", "k2", "k3", "p1", "p2", optional=True)
+NERFSTUDIO = Form(
+    "nerfstudio",
+    "nerfstudio, instant-ngp, NeRF's transforms.json",
+    marks=("frames", ("fl_x", "camera_angle_x")),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("PINHOLE", "OPENCV", "SIMPLE_PINHOLE", "PERSPECTIVE", "none"),
+                keys=(scalar("fl_x", "fx"), scalar("fl_y", "fy"), *scalars("cx", "cy")),
+            ),
+            Model(
+                "pinhole",
+                words=("OPENCV", "PINHOLE", "PERSPECTIVE", "none"),
+                keys=(scalar("fl_x", "fx"), scalar("fl_y", "fy"), *_CENTER_AND_DISTORTION),
+            ),
+            Model(
+                "pinhole",
+                words=("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "none"),
+                keys=(scalar("fl_x", "f"), *_CENTER_AND_DISTORTION),
+                read_only=True,
+            ),
+            Model(
+                "pinhole",
+                words=("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "none"),
+                keys=(
+                    scalar("camera_angle_x", "angle"),
+                    scalar("camera_angle_y", "angle_y", optional=True),
+                    *_CENTER_AND_DISTORTION,
+                ),
+                read_only=True,
+            ),
+            Model(
+                "kannala-brandt",
+                words=("OPENCV_FISHEYE",),
+                keys=(
+                    scalar("fl_x", "fx"),
+                    scalar("fl_y", "fy"),
+                    *scalars("cx", "cy"),
+                    *scalars(*_FISHEYE4, optional=True),
+                ),
+            ),
+            Model(
+                "equirectangular",
+                words=("EQUIRECTANGULAR",),
+                keys=(
+                    scalar("fl_x", "W/2", optional=True),
+                    scalar("fl_y", "H", optional=True),
+                    scalar("cx", "W/2", optional=True),
+                    scalar("cy", "H/2", optional=True),
+                ),
+            ),
+        ),
+        word=("camera_model",),
+        size=("w", "h"),
+        shift_px=0.0,
+        harmless="^camera_?angle|^aabb|^(n|max|min)?k$",
+    ),
+    reading=Reading(split=parts.frames, finish=parts.angle),
+    writing=Writing("json", constant={"frames": []}),
+)
+
+KITTI = Form(
+    "kitti",
+    "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
+    marks=(parts.KITTI_MATRICES,),
+    layout=Layout(
+        models=(Model("pinhole", keys=(array("K", *UPRIGHT), array("D", *_RADTAN5, counts=(0, 4, 5)))),),
+        size=("S",),
+        poses=(PoseMatrix("T", "T_c_b"),),
+    ),
+    reading=Reading(split=parts.kitti),
+    writing=Writing("lines", join=parts.join_kitti, label="0{0}"),
+    refused="projections that are no camera's",
+)
+
+# Half pixel of Middlebury and nuScenes: documented nowhere; both were calibrated by programs that take whole
+# numbers.
+MIDDLEBURY = Form(
+    "middlebury",
+    "Middlebury's calib.txt, ETH3D's stereo",
+    marks=("cam0", "width", "height"),
+    layout=Layout(
+        models=(Model("pinhole", keys=(array("K", *UPRIGHT),), read_only=True),),
+        size=("width", "height"),
+        poses=(PoseMatrix("T", "T_b_c"),),
+    ),
+    reading=Reading(split=parts.middlebury),
+)
 
 D = (
-    "distortion_coefficients|D|dist|distCoeffs|dist_coeff|dist_coefs|dist_coef|distortion_coeffs|distortion_coeff|"
-    "distortion|coeffs|coefficients|distortion_coef|distortions|distortion_parameters|distortion_params|dist_params|"
-    "distortion_vector|distCoefs|dist_coefficients|distort"
+    "distortion_coefficients", "D", "dist", "distCoeffs", "dist_coeff", "dist_coefs", "dist_coef",
+    "distortion_coeffs", "distortion_coeff", "distortion", "coeffs", "coefficients", "distortion_coef",
+    "distortions", "distortion_parameters", "distortion_params", "dist_params", "distortion_vector",
+    "distCoefs", "dist_coefficients", "distort",
+)  # fmt: skip
+"""What people call a list of coefficients."""
+WIDTH = (
+    "image_width", "width", "image.width", "img_width", "w", "cols", "resolution.width", "image_size.width",
+    "size.width", "image_size.w", "size.w",
+)  # fmt: skip
+HEIGHT = (
+    "image_height", "height", "image.height", "img_height", "h", "rows", "resolution.height",
+    "image_size.height", "size.height", "image_size.h", "size.h",
+)  # fmt: skip
+_FOCAL_X = ("fx", "focal_x", "focal_length_x", "f_x")
+_FOCAL_Y = ("fy", "focal_y", "focal_length_y", "f_y")
+_CENTER_X = ("cx", "ppx", "c_x", "principal_x", "center_x", "x0")
+_CENTER_Y = ("cy", "ppy", "c_y", "principal_y", "center_y", "y0")
+_FOUR = (scalar(_FOCAL_X, "fx"), scalar(_FOCAL_Y, "fy"), scalar(_CENTER_X, "cx"), scalar(_CENTER_Y, "cy"))
+
+
+def _one_by_one(*numbers: Number, optional: bool = False) -> tuple[Key, ...]:
+    """Return the keys of coefficients that stand one by one, beside the focal lengths or in a mapping."""
+    keys = []
+    for number in numbers:
+        paths = (number, f"distortion.{number}", f"distortion_coeffs.{number}")
+        keys.append(scalar(paths, number, optional=optional))
+    return tuple(keys)
+
+
+_MODEL_WORDS = (
+    "model", "distortion_model", "camera_model", "distortion_type", "model_type", "camera_type",
+    "distortion.model", "distortion.type",
+)  # fmt: skip
+_BROWN_CONRADY = ("Brown_Conrady", "pinhole", "perspective", "none", "opencv", "pinhole_opencv")
+INTRINSICS = parts.OfOthers(
+    "intrinsics",
+    "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
+    marks=(_FOCAL_X, _FOCAL_Y, _CENTER_X, _CENTER_Y),
+    layout=Layout(
+        models=(
+            Model("pinhole", words=_BROWN_CONRADY, keys=(*_FOUR, distortion(D, or_none=True))),
+            Model(
+                "pinhole",
+                words=_BROWN_CONRADY,
+                keys=(*_FOUR, *_one_by_one(*_RADTAN5, optional=True)),
+                read_only=True,
+            ),
+            Model("pinhole", words=_BROWN_CONRADY, keys=(*_FOUR, *_one_by_one(*_RADTAN8)), read_only=True),
+            Model(
+                "pinhole",
+                words=("Modified_Brown_Conrady", "Inverse_Brown_Conrady", "inverse", "modified"),
+                keys=(*_FOUR, array(D, 0, 0, 0, 0, 0, counts=(0, 5))),
+                read_only=True,
+            ),
+            Model(
+                "kannala-brandt",
+                words=("Kannala_Brandt4", "fisheye"),
+                keys=(*_FOUR, array(D, *_FISHEYE4, 0, counts=(4, 5))),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("Kannala_Brandt4", "fisheye"),
+                keys=(*_FOUR, *_one_by_one(*_FISHEYE4)),
+                read_only=True,
+            ),
+        ),
+        word=(_MODEL_WORDS,),
+        size=(("width", *WIDTH), ("height", *HEIGHT)),
+    ),
+    writing=Writing("json"),
 )
-WIDTH = "image_width|width|image.width|img_width|w|cols|resolution.width|image_size.width|size.width|image_size.w|size.w"
-HEIGHT = "image_height|height|image.height|img_height|h|rows|resolution.height|image_size.height|size.height|image_size.h|size.h"
-_FOCALS = "fx|focal_x|focal_length_x|f_x fy|focal_y|focal_length_y|f_y"
-_CENTERS = "cx|ppx|c_x|principal_x|center_x|x0 cy|ppy|c_y|principal_y|center_y|y0"
-def _named(paths: str, names: str) -> str:
-    return " ".join(f"{path}={name}" for path, name in zip(paths.split(), names.split(), strict=True))
-_FOUR = f"{_named(_FOCALS, 'fx fy')} {_named(_CENTERS, 'cx cy')}"
-_FLAT5, _FLAT8, _FOUR_K = (
-    " ".join(f"{name}|distortion.{name}|distortion_coeffs.{name}{end}" for name in names.split())
-    for names, end in (("k1 k2 p1 p2 k3", "?"), ("k1 k2 p1 p2 k3 k4 k5 k6", ""), ("k1 k2 k3 k4", ""))
+
+OPEN3D = Form(
+    "open3d",
+    "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder; DepthAI's calibration",
+    marks=("intrinsic_matrix", "width", "height"),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                keys=(
+                    array("intrinsic_matrix", *UPRIGHT),
+                    distortion(D, optional=True, or_none=True),
+                    scalar("cameraType", 0, optional=True),
+                ),
+                read_only=True,
+            ),
+            Model("pinhole", keys=(array("intrinsic_matrix", "fx", 0, 0, 0, "fy", 0, "cx", "cy", 1),)),
+        ),
+        size=("width", "height"),
+        harmless="^stereorectif",
+    ),
+    writing=Writing("json"),
 )
-_BC = "Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv"
-INTRINSICS = parts.OfOthers("intrinsics", "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
-    f"{_FOCALS} {_CENTERS}", f"""
-    {_BC} pinhole {_FOUR} {D}=;{PLAIN}
-    < {_BC} pinhole {_FOUR} {_FLAT5}
-    < {_BC} pinhole {_FOUR} {_FLAT8}
-    < Modified_Brown_Conrady|Inverse_Brown_Conrady|inverse|modified pinhole {_FOUR} {D}=;0,0,0,0,0
-    Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0
-    < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {_FOUR_K}
-    """,
-    word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}", syntax="json")
 
-OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder; DepthAI's calibration",
-    "intrinsic_matrix width height", f"< - pinhole intrinsic_matrix={_K} {D}?=;{PLAIN} cameraType?=0\n- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1",
-    size="width height", syntax="json", harmless="^stereorectif")
+_COEFFICIENTS = ("distortion_coefficients", "distortion_parameters")
+SENSOR = Form(
+    "sensor",
+    "EuRoC's sensor.yaml, ASL, Kimera",
+    marks=("intrinsics", ("camera_model", "distortion_model"), ("distortion_coefficients", "T_BS")),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=(("pinhole", "radial-tangential"), ("none", "radtan")),
+                keys=(
+                    array("intrinsics", *_PINHOLE),
+                    array(_COEFFICIENTS, *_RADTAN8, counts=(4, 5, 8)),
+                ),
+            ),
+            Model(
+                "pinhole",
+                words=(("pinhole", "none"), ("none", "none")),
+                keys=(
+                    array("intrinsics", *_PINHOLE),
+                    array(_COEFFICIENTS, 0, 0, 0, 0, counts=(0, 4), optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=(("pinhole", "equidistant"), ("none", "equidistant"), ("fisheye", "equidistant")),
+                keys=(array("intrinsics", *_PINHOLE), array(_COEFFICIENTS, *_FISHEYE4)),
+            ),
+            Model(
+                "unified",
+                words=(("omni", "radial-tangential"),),
+                keys=(array("intrinsics", "xi", *_PINHOLE), array(_COEFFICIENTS, *_RADTAN4)),
+            ),
+        ),
+        word=("camera_model", "distortion_model"),
+        size=("resolution",),
+        poses=(PoseMatrix("T_BS", "T_b_c"),),
+    ),
+    writing=Writing(constant={"sensor_type": "camera", "comment": "omniscv", "rate_hz": 20}),
+)
 
-SENSOR = Form("sensor", "EuRoC's sensor.yaml, ASL, Kimera",
-    "intrinsics camera_model|distortion_model distortion_coefficients|T_BS", """
-    pinhole+radial-tangential|none+radtan pinhole intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,p1,p2;k3;k4,k5,k6
-    pinhole+none|none+none pinhole intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters?=;0,0,0,0
-    pinhole+equidistant|none+equidistant|fisheye+equidistant kannala-brandt intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,k3,k4
-    omni+radial-tangential unified intrinsics=xi,fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,p1,p2
-    """,
-    word="camera_model distortion_model", size="resolution", poses=(("T_BS", "T_b_c"),),
-    constant={"sensor_type": "camera", "comment": "omniscv", "rate_hz": 20})
 
-_FXY = "intrinsics.fx .fy .cx .cy"
-BASALT = Form("basalt", "basalt",
-    "value0.intrinsics", f"""
-    < pinhole pinhole {_FXY}
-    < pinhole-radtan8 pinhole {_FXY} .k1 .k2 .p1 .p2 .k3 .k4 .k5 .k6 .rpmax?=_
-    < kb4 kannala-brandt {_FXY} .k1 .k2 .k3 .k4
-    < ds double-sphere {_FXY} .xi .alpha
-    < eucm extended-unified {_FXY} .alpha .beta
-    < ucm extended-unified {_FXY} .alpha
-    < fov field-of-view {_FXY} .w=omega
-    """,
-    word="camera_type", size="resolution", time=("cam_time_offset_ns", 1e-9), split=parts.basalt,
-    poses=(("T_imu_cam", "T_imu_cam.px=x .py=y .pz=z .qx .qy .qz .qw"),),
-    finish=lambda node, word, values, w, h: (values | ({"beta": 1.0} if word == "ucm" else {}), (w, h)))
+def _basalt(word: str, name: ModelName, *keys: Key) -> Model:
+    """Return a model by basalt's word for it, our name, and the keys of its numbers beside those of K."""
+    return Model(name, (*scalars(*_PINHOLE, below="intrinsics"), *keys), (word,), read_only=True)
 
-WOODSCAPE = Form("woodscape", "WoodScape",
-    "intrinsic.cx_offset intrinsic.k1", "radial_poly ftheta intrinsic.k1=c1 .k2=c2 .k3=c3 .k4=c4 .cx_offset=du .cy_offset=dv .aspect_ratio?=1 .poly_order?=4",
-    word="intrinsic.model", size="intrinsic.width intrinsic.height", syntax="json", poses=(("extrinsic", "extrinsic.translation=x,y,z extrinsic.quaternion=qx,qy,qz,qw"),),
-    constant={"intrinsic.aspect_ratio": 1.0, "intrinsic.poly_order": 4, "name": "cam0"}, refused="an aspect ratio other than 1")
 
-ARIA = Form("aria", "Project Aria's device and online calibrations",
-    "CameraCalibrations", """
-    FisheyeRadTanThinPrism fisheye624 Projection.Params=f,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1,s0,s1,s2,s3
-    KannalaBrandtK3 kannala-brandt Projection.Params=fx,fy,cx,cy,k1,k2,k3,k4
-    < Fisheye62 fisheye624 Projection.Params=f,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1
-    < Linear pinhole Projection.Params=fx,fy,cx,cy
-    """,
-    word="Projection.Name", size="ImageSize", syntax="json", time=("TimeOffsetSec_Device_Camera", 1.0),
-    poses=(("T_Device_Camera", "T_Device_Camera.Translation=x,y,z T_Device_Camera.UnitQuaternion=qw,qx,qy,qz"),),
-    split=parts.aria, join=parts.join_aria)
+BASALT = Form(
+    "basalt",
+    "basalt",
+    marks=("value0.intrinsics",),
+    layout=Layout(
+        models=(
+            _basalt("pinhole", "pinhole"),
+            _basalt(
+                "pinhole-radtan8",
+                "pinhole",
+                *scalars("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", below="intrinsics"),
+                scalar("intrinsics.rpmax", ANY, optional=True),
+            ),
+            _basalt("kb4", "kannala-brandt", *scalars(*_FISHEYE4, below="intrinsics")),
+            _basalt("ds", "double-sphere", *scalars("xi", "alpha", below="intrinsics")),
+            _basalt("eucm", "extended-unified", *scalars("alpha", "beta", below="intrinsics")),
+            _basalt("ucm", "extended-unified", *scalars("alpha", below="intrinsics")),
+            _basalt("fov", "field-of-view", scalar("intrinsics.w", "omega")),
+        ),
+        word=("camera_type",),
+        size=("resolution",),
+        poses=(
+            PoseKeys(
+                "T_imu_cam",
+                keys=(
+                    scalar("T_imu_cam.px", "x"),
+                    scalar("T_imu_cam.py", "y"),
+                    scalar("T_imu_cam.pz", "z"),
+                    *scalars("qx", "qy", "qz", "qw", below="T_imu_cam"),
+                ),
+            ),
+        ),
+        time=TimeOffset("cam_time_offset_ns", 1e-9),
+    ),
+    reading=Reading(split=parts.basalt, finish=parts.basalt_unified),
+)
 
-NUSCENES = Form("nuscenes", "nuScenes: calibrated_sensor.json, whose pictures are 1600 x 900",
-    "camera_intrinsic translation rotation", f"< - pinhole camera_intrinsic={_K}",
-    size="width height", poses=(("rotation", "translation=x,y,z rotation=qw,qx,qy,qz"),), split=parts.nuscenes)
+WOODSCAPE = Form(
+    "woodscape",
+    "WoodScape",
+    marks=("intrinsic.cx_offset", "intrinsic.k1"),
+    layout=Layout(
+        models=(
+            Model(
+                "ftheta",
+                words=("radial_poly",),
+                keys=(
+                    scalar("intrinsic.k1", "c1"),
+                    scalar("intrinsic.k2", "c2"),
+                    scalar("intrinsic.k3", "c3"),
+                    scalar("intrinsic.k4", "c4"),
+                    scalar("intrinsic.cx_offset", "du"),
+                    scalar("intrinsic.cy_offset", "dv"),
+                    scalar("intrinsic.aspect_ratio", 1, optional=True),
+                    scalar("intrinsic.poly_order", 4, optional=True),
+                ),
+            ),
+        ),
+        word=("intrinsic.model",),
+        size=("intrinsic.width", "intrinsic.height"),
+        poses=(
+            PoseKeys(
+                "extrinsic",
+                keys=(
+                    array("extrinsic.translation", "x", "y", "z"),
+                    array("extrinsic.quaternion", "qx", "qy", "qz", "qw"),
+                ),
+            ),
+        ),
+    ),
+    writing=Writing(
+        "json", constant={"intrinsic.aspect_ratio": 1.0, "intrinsic.poly_order": 4, "name": "cam0"}
+    ),
+    refused="an aspect ratio other than 1",
+)
 
-_TERMS = "k1? k2? k3? p1?=p2 p2?=p1 k4?=0 p3?=0 p4?=0"
-METASHAPE = Form("metashape", "Agisoft Metashape and PhotoScan: lenses and cameras in XML",
-    "calibration", f"""
-    frame pinhole f=f_y cx?=du cy?=dv b1?=b1 b2?=s {_TERMS}
-    fisheye kannala-brandt f=f_y cx?=du cy?=dv b1?=b1 b2?=s k1? k2? k3? k4? p1?=0 p2?=0 p3?=0 p4?=0
-    spherical equirectangular f?=_ cx?=0 cy?=0
-    """,
-    word="projection|type", size="width|resolution.width height|resolution.height", shift=0.0, syntax="xml", split=parts.metashape, harmless="covariance",
-    dump=lambda lens: documents.SYNTAXES["xml"]({"calibration": lens}), sparse=True, refused="K4 of frames, P3, P4; P1 and P2 of fisheyes")
+_FISHEYE62: tuple[Number, ...] = ("f", "cx", "cy", "k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1")
+ARIA = Form(
+    "aria",
+    "Project Aria's device and online calibrations",
+    marks=("CameraCalibrations",),
+    layout=Layout(
+        models=(
+            Model(
+                "fisheye624",
+                words=("FisheyeRadTanThinPrism",),
+                keys=(array("Projection.Params", *_FISHEYE62, "s0", "s1", "s2", "s3"),),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("KannalaBrandtK3",),
+                keys=(array("Projection.Params", *_PINHOLE, *_FISHEYE4),),
+            ),
+            Model(
+                "fisheye624",
+                words=("Fisheye62",),
+                keys=(array("Projection.Params", *_FISHEYE62),),
+                read_only=True,
+            ),
+            Model(
+                "pinhole",
+                words=("Linear",),
+                keys=(array("Projection.Params", *_PINHOLE),),
+                read_only=True,
+            ),
+        ),
+        word=("Projection.Name",),
+        size=("ImageSize",),
+        poses=(
+            PoseKeys(
+                "T_Device_Camera",
+                keys=(
+                    array("T_Device_Camera.Translation", "x", "y", "z"),
+                    array("T_Device_Camera.UnitQuaternion", "qw", "qx", "qy", "qz"),
+                ),
+            ),
+        ),
+        time=TimeOffset("TimeOffsetSec_Device_Camera"),
+    ),
+    reading=Reading(split=parts.aria),
+    writing=Writing("json", join=parts.join_aria),
+)
 
-_NORMED = "focal_x=nfx focal_y=nfy c_x?=ncx c_y?=ncy"
-OPENSFM = Form("opensfm", "OpenSfM, OpenDroneMap: camera_models.json, reconstruction.json",
-    "projection_type width", f"""
-    perspective pinhole focal=nf k1? k2?
-    brown pinhole {_NORMED} k1? k2? k3? p1? p2?
-    < simple_radial|radial pinhole {_NORMED} k1? k2?
-    fisheye kannala-brandt focal=nf k1? k2?
-    fisheye_opencv kannala-brandt {_NORMED} k1? k2? k3? k4?
-    fisheye624 fisheye624 {_NORMED} k1=k0 k2=k1 k3=k2 k4=k3 k5=k4 k6=k5 p1=p0 p2=p1 s0? s1? s2? s3?
-    < fisheye62 fisheye624 {_NORMED} k1=k0 k2=k1 k3=k2 k4=k3 k5=k4 k6=k5 p1=p0 p2=p1
-    spherical|equirectangular equirectangular
-    """,
-    word="projection_type", size="width height", shift=0.0, syntax="json", join=dict, refused="dual")
+NUSCENES = Form(
+    "nuscenes",
+    "nuScenes: calibrated_sensor.json, whose pictures are 1600 x 900",
+    marks=("camera_intrinsic", "translation", "rotation"),
+    layout=Layout(
+        models=(Model("pinhole", keys=(array("camera_intrinsic", *UPRIGHT),), read_only=True),),
+        size=("width", "height"),
+        poses=(
+            PoseKeys(
+                "rotation",
+                keys=(array("translation", "x", "y", "z"), array("rotation", "qw", "qx", "qy", "qz")),
+            ),
+        ),
+    ),
+    reading=Reading(split=parts.nuscenes),
+)
 
-_MVG = "focal_length=f principal_point=cx,cy"
+_METASHAPE = (
+    scalar("f", "f_y"),
+    scalar("cx", "du", optional=True),
+    scalar("cy", "dv", optional=True),
+    scalar("b1", "b1", optional=True),
+    scalar("b2", "s", optional=True),
+)
+METASHAPE = Form(
+    "metashape",
+    "Agisoft Metashape and PhotoScan: lenses and cameras in XML",
+    marks=("calibration",),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("frame",),
+                keys=(
+                    *_METASHAPE,
+                    *scalars("k1", "k2", "k3", optional=True),
+                    scalar("p1", "p2", optional=True),
+                    scalar("p2", "p1", optional=True),
+                    scalar("k4", 0, optional=True),
+                    scalar("p3", 0, optional=True),
+                    scalar("p4", 0, optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("fisheye",),
+                keys=(
+                    *_METASHAPE,
+                    *scalars(*_FISHEYE4, optional=True),
+                    scalar("p1", 0, optional=True),
+                    scalar("p2", 0, optional=True),
+                    scalar("p3", 0, optional=True),
+                    scalar("p4", 0, optional=True),
+                ),
+            ),
+            Model(
+                "equirectangular",
+                words=("spherical",),
+                keys=(
+                    scalar("f", ANY, optional=True),
+                    scalar("cx", 0, optional=True),
+                    scalar("cy", 0, optional=True),
+                ),
+            ),
+        ),
+        word=(("projection", "type"),),
+        size=(("width", "resolution.width"), ("height", "resolution.height")),
+        shift_px=0.0,
+        harmless="covariance",
+    ),
+    reading=Reading(split=parts.metashape, sparse=True),
+    writing=Writing("xml", dump=lambda lens: documents.SYNTAXES["xml"]({"calibration": lens})),
+    refused="K4 of frames, P3, P4; P1 and P2 of fisheyes",
+)
+
+_NORMED = (
+    scalar("focal_x", "nfx"),
+    scalar("focal_y", "nfy"),
+    scalar("c_x", "ncx", optional=True),
+    scalar("c_y", "ncy", optional=True),
+)
+_NORMED_FISHEYE62 = (
+    *_NORMED,
+    scalar("k1", "k0"),
+    scalar("k2", "k1"),
+    scalar("k3", "k2"),
+    scalar("k4", "k3"),
+    scalar("k5", "k4"),
+    scalar("k6", "k5"),
+    scalar("p1", "p0"),
+    scalar("p2", "p1"),
+)
+OPENSFM = Form(
+    "opensfm",
+    "OpenSfM, OpenDroneMap: camera_models.json, reconstruction.json",
+    marks=("projection_type", "width"),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("perspective",),
+                keys=(scalar("focal", "nf"), *scalars("k1", "k2", optional=True)),
+            ),
+            Model(
+                "pinhole",
+                words=("brown",),
+                keys=(*_NORMED, *scalars("k1", "k2", "k3", "p1", "p2", optional=True)),
+            ),
+            Model(
+                "pinhole",
+                words=("simple_radial", "radial"),
+                keys=(*_NORMED, *scalars("k1", "k2", optional=True)),
+                read_only=True,
+            ),
+            Model(
+                "kannala-brandt",
+                words=("fisheye",),
+                keys=(scalar("focal", "nf"), *scalars("k1", "k2", optional=True)),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("fisheye_opencv",),
+                keys=(*_NORMED, *scalars(*_FISHEYE4, optional=True)),
+            ),
+            Model(
+                "fisheye624",
+                words=("fisheye624",),
+                keys=(*_NORMED_FISHEYE62, *scalars("s0", "s1", "s2", "s3", optional=True)),
+            ),
+            Model("fisheye624", words=("fisheye62",), keys=_NORMED_FISHEYE62, read_only=True),
+            Model("equirectangular", words=("spherical", "equirectangular")),
+        ),
+        word=("projection_type",),
+        size=("width", "height"),
+        shift_px=0.0,
+    ),
+    writing=Writing("json", join=dict),
+    refused="dual",
+)
+
+_OPENMVG = (scalar("focal_length", "f"), array("principal_point", "cx", "cy"))
 # Half pixel: openMVG, issue 1271 and pull request 1812: centres at whole numbers.
-OPENMVG = Form("openmvg", "OpenMVG: sfm_data.json",
-    "intrinsics", f"""
-    < pinhole pinhole {_MVG}
-    < pinhole_radial_k1 pinhole {_MVG} disto_k1=k1
-    < pinhole_radial_k3 pinhole {_MVG} disto_k3=k1,k2,k3
-    < pinhole_brown_t2 pinhole {_MVG} disto_t2=k1,k2,k3,p1,p2
-    < fisheye kannala-brandt {_MVG} fisheye|disto_fisheye=k1,k2,k3,k4
-    < spherical equirectangular
-    """,
-    word="model", size="width height", split=parts.openmvg)
+OPENMVG = Form(
+    "openmvg",
+    "OpenMVG: sfm_data.json",
+    marks=("intrinsics",),
+    layout=Layout(
+        models=(
+            Model("pinhole", words=("pinhole",), keys=_OPENMVG, read_only=True),
+            Model(
+                "pinhole",
+                words=("pinhole_radial_k1",),
+                keys=(*_OPENMVG, array("disto_k1", "k1")),
+                read_only=True,
+            ),
+            Model(
+                "pinhole",
+                words=("pinhole_radial_k3",),
+                keys=(*_OPENMVG, array("disto_k3", "k1", "k2", "k3")),
+                read_only=True,
+            ),
+            Model(
+                "pinhole",
+                words=("pinhole_brown_t2",),
+                keys=(*_OPENMVG, array("disto_t2", "k1", "k2", "k3", "p1", "p2")),
+                read_only=True,
+            ),
+            Model(
+                "kannala-brandt",
+                words=("fisheye",),
+                keys=(*_OPENMVG, array(("fisheye", "disto_fisheye"), *_FISHEYE4)),
+                read_only=True,
+            ),
+            Model("equirectangular", words=("spherical",), read_only=True),
+        ),
+        word=("model",),
+        size=("width", "height"),
+    ),
+    reading=Reading(split=parts.openmvg),
+)
 
-# Sources: AliceVision, sfmDataIO/jsonIO.cpp (centres from the middle since 1.2.1, focal lengths in mm since 1.2.2); its lens code
-# is OpenMVG's. pixelRatio changed its meaning in 1.2.5: only 1 is read.
-_AV = "sensorWidth=sensor focalLength=mm principalPoint=du0,dv0 pixelRatio?=1"
-_AV_OLD = "pxFocalLength=f principalPoint=cx,cy"
-ALICEVISION = Form("alicevision", "AliceVision, Meshroom: .sfm, .mg",
-    "intrinsicId principalPoint", "\n".join(f"""
-    < pinhole+none pinhole {_matrix}
-    < radial1+none|pinhole+radialk1 pinhole {_matrix} distortionParams=k1
-    < radial3+none|pinhole+radialk3 pinhole {_matrix} distortionParams=k1,k2,k3
-    < brown+none|pinhole+brown pinhole {_matrix} distortionParams=k1,k2,k3,p1,p2
-    < fisheye4+none|pinhole+fisheye4 kannala-brandt {_matrix} distortionParams=k1,k2,k3,k4
-    """.strip() for _matrix in (_AV, _AV_OLD)),
-    word="type distortionType", size="width height", harmless="^sensorwidth$", refused="3DE's models, fisheye1, equidistant; a pixel ratio other than 1")
 
-_ICC = "intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx .principal_pt_y=cy .skew?=s"
-OPENICC = Form("openicc", "OpenImuCameraCalibrator",
-    "intrinsic_type intrinsics.focal_length", f"""
-    PINHOLE pinhole {_ICC} .radial_distortion_1?=k1 .radial_distortion_2?=k2
-    FISHEYE kannala-brandt {_ICC} .radial_distortion_1=k1 .radial_distortion_2=k2 .radial_distortion_3=k3 .radial_distortion_4=k4
-    DOUBLE_SPHERE double-sphere {_ICC} .xi .alpha
-    EXTENDED_UNIFIED extended-unified {_ICC} .alpha .beta
-    """,
-    word="intrinsic_type", syntax="json", refused="DIVISION_UNDISTORTION")
+def _alicevision(*matrix: Key) -> tuple[Model, ...]:
+    """Return AliceVision's models, by the keys of focal length and centre."""
+    radial1 = array("distortionParams", "k1")
+    radial3 = array("distortionParams", "k1", "k2", "k3")
+    brown = array("distortionParams", "k1", "k2", "k3", "p1", "p2")
+    fisheye4 = array("distortionParams", *_FISHEYE4)
+    return (
+        Model("pinhole", matrix, (("pinhole", "none"),), read_only=True),
+        Model("pinhole", (*matrix, radial1), (("radial1", "none"), ("pinhole", "radialk1")), read_only=True),
+        Model("pinhole", (*matrix, radial3), (("radial3", "none"), ("pinhole", "radialk3")), read_only=True),
+        Model("pinhole", (*matrix, brown), (("brown", "none"), ("pinhole", "brown")), read_only=True),
+        Model(
+            "kannala-brandt",
+            (*matrix, fisheye4),
+            (("fisheye4", "none"), ("pinhole", "fisheye4")),
+            read_only=True,
+        ),
+    )
 
-DSO = Form("dso", "DSO, LSD-SLAM, TUM monoVO: camera.txt",
-    "model numbers size", """
-    Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
-    FOV|ATAN|none field-of-view numbers=fx,fy,cx,cy,omega
-    RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
-    EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
-    """,
-    word="model", size="size", split=parts.dso, dump=parts.write_dso)
 
-ZED = Form("zed", "ZED: SN.conf",
-    "LEFT_CAM_HD", "< - pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",
-    size="size", split=parts.zed, refused="poses: the signs of RX, CV and RZ are documented nowhere")
+# Sources: AliceVision, sfmDataIO/jsonIO.cpp (centres from the middle since 1.2.1, focal lengths in mm since
+# 1.2.2); its lens code is OpenMVG's. pixelRatio changed its meaning in 1.2.5: only 1 is read.
+ALICEVISION = Form(
+    "alicevision",
+    "AliceVision, Meshroom: .sfm, .mg",
+    marks=("intrinsicId", "principalPoint"),
+    layout=Layout(
+        models=(
+            *_alicevision(
+                scalar("sensorWidth", "sensor"),
+                scalar("focalLength", "mm"),
+                array("principalPoint", "du0", "dv0"),
+                scalar("pixelRatio", 1, optional=True),
+            ),
+            *_alicevision(scalar("pxFocalLength", "f"), array("principalPoint", "cx", "cy")),
+        ),
+        word=("type", "distortionType"),
+        size=("width", "height"),
+        harmless="^sensorwidth$",
+    ),
+    refused="3DE's models, fisheye1, equidistant; a pixel ratio other than 1",
+)
 
-GYROFLOW = Form("gyroflow", "gyroflow's lens profiles",
-    "fisheye_params.camera_matrix calib_dimension.w", f"""
-    < opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4
-    < opencv_standard pinhole fisheye_params.camera_matrix={_K} .distortion_coeffs=;{PLAIN}
-    """,
-    word="distortion_model", size="calib_dimension.w calib_dimension.h", readout=(("frame_readout_time", 1e-3, False),),
-    harmless="radialdistortionlimit|^crop$|readoutdirection", finish=parts.gyroflow,
-    refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses")
+_OPENICC = (
+    scalar("intrinsics.focal_length", "fx"),
+    scalar("intrinsics.aspect_ratio", "ratio"),
+    scalar("intrinsics.principal_pt_x", "cx"),
+    scalar("intrinsics.principal_pt_y", "cy"),
+    scalar("intrinsics.skew", "s", optional=True),
+)
+OPENICC = Form(
+    "openicc",
+    "OpenImuCameraCalibrator",
+    marks=("intrinsic_type", "intrinsics.focal_length"),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("PINHOLE",),
+                keys=(
+                    *_OPENICC,
+                    scalar("intrinsics.radial_distortion_1", "k1", optional=True),
+                    scalar("intrinsics.radial_distortion_2", "k2", optional=True),
+                ),
+            ),
+            Model(
+                "kannala-brandt",
+                words=("FISHEYE",),
+                keys=(
+                    *_OPENICC,
+                    scalar("intrinsics.radial_distortion_1", "k1"),
+                    scalar("intrinsics.radial_distortion_2", "k2"),
+                    scalar("intrinsics.radial_distortion_3", "k3"),
+                    scalar("intrinsics.radial_distortion_4", "k4"),
+                ),
+            ),
+            Model(
+                "double-sphere",
+                words=("DOUBLE_SPHERE",),
+                keys=(*_OPENICC, *scalars("xi", "alpha", below="intrinsics")),
+            ),
+            Model(
+                "extended-unified",
+                words=("EXTENDED_UNIFIED",),
+                keys=(*_OPENICC, *scalars("alpha", "beta", below="intrinsics")),
+            ),
+        ),
+        word=("intrinsic_type",),
+    ),
+    writing=Writing("json"),
+    refused="DIVISION_UNDISTORTION",
+)
+
+DSO = Form(
+    "dso",
+    "DSO, LSD-SLAM, TUM monoVO: camera.txt",
+    marks=("model", "numbers", "size"),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                words=("Pinhole", "FOV", "ATAN", "none"),
+                keys=(array("numbers", *_PINHOLE, 0, counts=(4, 5)),),
+            ),
+            Model(
+                "field-of-view",
+                words=("FOV", "ATAN", "none"),
+                keys=(array("numbers", *_PINHOLE, "omega"),),
+            ),
+            Model("pinhole", words=("RadTan", "none"), keys=(array("numbers", *_PINHOLE, *_RADTAN4),)),
+            Model(
+                "kannala-brandt",
+                words=("EquiDistant", "KannalaBrandt"),
+                keys=(array("numbers", *_PINHOLE, *_FISHEYE4),),
+            ),
+        ),
+        word=("model",),
+        size=("size",),
+    ),
+    reading=Reading(split=parts.dso),
+    writing=Writing(dump=parts.write_dso),
+)
+
+ZED = Form(
+    "zed",
+    "ZED: SN.conf",
+    marks=("LEFT_CAM_HD",),
+    layout=Layout(
+        models=(
+            Model(
+                "pinhole",
+                keys=(
+                    *scalars(*_PINHOLE, "k1", "k2"),
+                    *scalars("p1", "p2", "k3", "k4", "k5", "k6", optional=True),
+                ),
+                read_only=True,
+            ),
+        ),
+        size=("size",),
+    ),
+    reading=Reading(split=parts.zed),
+    refused="poses: the signs of RX, CV and RZ are documented nowhere",
+)
+
+GYROFLOW = Form(
+    "gyroflow",
+    "gyroflow's lens profiles",
+    marks=("fisheye_params.camera_matrix", "calib_dimension.w"),
+    layout=Layout(
+        models=(
+            Model(
+                "kannala-brandt",
+                words=("opencv_fisheye", "none"),
+                keys=(
+                    array("fisheye_params.camera_matrix", *UPRIGHT),
+                    array("fisheye_params.distortion_coeffs", *_FISHEYE4, counts=(0, 4)),
+                ),
+                read_only=True,
+            ),
+            Model(
+                "pinhole",
+                words=("opencv_standard",),
+                keys=(
+                    array("fisheye_params.camera_matrix", *UPRIGHT),
+                    distortion("fisheye_params.distortion_coeffs", or_none=True),
+                ),
+                read_only=True,
+            ),
+        ),
+        word=("distortion_model",),
+        size=("calib_dimension.w", "calib_dimension.h"),
+        readouts=(Readout("frame_readout_time", 1e-3),),
+        harmless="radialdistortionlimit|^crop$|readoutdirection",
+    ),
+    reading=Reading(finish=parts.gyroflow),
+    refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses",
+)

@@ -135,7 +135,9 @@ def fit(
 
     result = fit(fitted.camera(source), model)
     if out is not None:
-        label = FORMS[one_of("--format", format, FORMS)].label.format(0, 1, name=fitted.name or "cam0")
+        label = FORMS[one_of("--format", format, FORMS)].writing.label.format(
+            0, 1, name=fitted.name or "cam0"
+        )
         save(out, {label: result.camera}, format)
     if as_json:
         errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}
@@ -182,18 +184,20 @@ def convert(
     form = FORMS[one_of("--format", format, FORMS)]
     mounts = {}
     for i, (key, entry) in enumerate(entries.items()):
-        mounts[form.label.format(i, i + 1, name=key)] = mounted = entry.mounted
+        mounts[form.writing.label.format(i, i + 1, name=key)] = mounted = entry.mounted
         if fit and (fitted := calibration.nearest(mounted.camera, format)) is not None:
-            mounts[form.label.format(i, i + 1, name=key)] = replace(mounted, camera=fitted.camera)
+            mounts[form.writing.label.format(i, i + 1, name=key)] = replace(mounted, camera=fitted.camera)
             console.line(f"{key}: {mounted.camera.name} as {fitted.camera.name}:")
             _report(fitted)
     posed = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
-    if posed and form.poses:
+    if posed and form.layout.poses:
         rig = Rig(mounts)
-        calibration.save_rig(out, rig.seen_from(next(iter(mounts))) if form.from_first else rig, format)
+        calibration.save_rig(
+            out, rig.seen_from(next(iter(mounts))) if form.writing.from_first else rig, format
+        )
     else:
         calibration.save(out, {key: mounted.camera for key, mounted in mounts.items()}, format)
-    lost = "" if form.poses or not posed else "; the poses are lost: the format has none"
+    lost = "" if form.layout.poses or not posed else "; the poses are lost: the format has none"
     console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(mounts)} camera(s){lost}")
 
 
@@ -226,7 +230,7 @@ def describe(
     if as_json:
         console.as_json({"format": loaded.format, "cameras": rows})
         return
-    centres = ".5" if FORMS[loaded.format].shift == 0 else "whole numbers"
+    centres = ".5" if FORMS[loaded.format].layout.shift_px == 0 else "whole numbers"
     console.line(f"{file}: {loaded.format}, pixel centres at {centres}")
     for row in rows:
         angles = " x ".join(f"{angle:.4g}" for angle in row["fov_deg"])

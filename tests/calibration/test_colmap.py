@@ -69,7 +69,7 @@ def test_projections_are_those_of_pycolmap(model: str) -> None:
 
 
 def test_every_model_of_the_table_is_tested_and_has_colmaps_id(tmp_path: Path) -> None:
-    known = [row.words[0] for row in colmap.COLMAP.rows]
+    known = [model.words[0] for model in colmap.COLMAP.layout.models]
     assert {*PARAMS, "EQUIRECTANGULAR"} == set(known)
     assert [name for name in colmap.NAMES if name in known] == known
     scene = pycolmap.Reconstruction()

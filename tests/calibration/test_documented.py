@@ -7,6 +7,7 @@ from support.same_rays import assert_same_rays
 
 from omniscv import calibration
 from omniscv.calibration.files import FORMS
+from omniscv.calibration.keys import parts
 
 PAGE = Path(__file__).parents[2] / "docs" / "calibration.md"
 EXPECTED = {
@@ -29,17 +30,19 @@ def markdown() -> str:
     ]
     for form in FORMS.values():
         by_model: dict[str, list[str]] = {}
-        both = {(row.words, row.model) for row in form.rows if row.written}
-        for row in form.rows:
-            if not row.written and (row.words, row.model) in both:  # the same in another spelling
+        models = form.layout.models
+        both = {(model.words, model.name) for model in models if not model.read_only}
+        for model in models:
+            if model.read_only and (model.words, model.name) in both:  # the same in another spelling
                 continue
-            word = (row.words or ("",))[0].replace("+", "-")
-            read_only = " (read only)" if form.written and not row.written else ""
-            by_model.setdefault(row.model.removesuffix("-inverse"), []).append(word + read_only)
-        words = {model: ", ".join(dict.fromkeys(filter(None, names))) for model, names in by_model.items()}
-        models = "; ".join(f"{names} `{model}`".strip() for model, names in words.items()) or form.models
-        cells = [f"`{form.name}`" + ("" if form.written else ", read only"), form.programs, models]
-        cells += [".5" if form.shift == 0 else "whole numbers", "yes" if form.poses else "", form.refused]
+            word = "-".join(parts((model.words or ("",))[0]))
+            read_only = " (read only)" if form.written and model.read_only else ""
+            by_model.setdefault(model.name.removesuffix("-inverse"), []).append(word + read_only)
+        words = {name: ", ".join(dict.fromkeys(filter(None, theirs))) for name, theirs in by_model.items()}
+        ours = "; ".join(f"{theirs} `{name}`".strip() for name, theirs in words.items()) or "every model"
+        cells = [f"`{form.name}`" + ("" if form.written else ", read only"), form.programs, ours]
+        cells += [".5" if form.layout.shift_px == 0 else "whole numbers"]
+        cells += ["yes" if form.layout.poses else "", form.refused]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
