@@ -30,7 +30,11 @@ _DOCUMENT_ENDS = re.compile(r"^(?:---|\.\.\.)(?=\s|$)", re.MULTILINE)
 
 
 class Content:
-    """A file by its bytes or text: its text ("" of binary files), and the values of its documents."""
+    """A file: its text, and the values of its documents.
+
+    Args:
+        data: the file's bytes or text.
+    """
 
     def __init__(self, data: bytes | str) -> None:
         self.data = data.encode() if isinstance(data, str) else data
@@ -52,10 +56,11 @@ class Content:
     def values(self) -> list[Any]:
         """The documents that are mappings or lists; none where the file has no such syntax."""
         try:
-            return [value for value in self._parse() if isinstance(value, dict | list) and value]
+            values = self._parse()
         except ArgumentError as cause:
             self.error = cause
             return []
+        return [value for value in values if isinstance(value, dict | list) and value]
 
     error: ArgumentError | None = None
     """Why there are no values."""
@@ -63,12 +68,15 @@ class Content:
     @property
     def documents(self) -> list[Any]:
         """The values without those printed twice, as a topic's messages are but for their header."""
-        known: list[Any] = []
+        bodies: list[Any] = []
         for value in self.values:
-            body = {k: v for k, v in value.items() if k != "header"} if isinstance(value, dict) else value
-            if body not in known:
-                known.append(body)
-        return known
+            body = value
+            if isinstance(value, dict):
+                body = dict(value)
+                body.pop("header", None)
+            if body not in bodies:
+                bodies.append(body)
+        return bodies
 
     def _parse(self) -> list[Any]:
         if self.data.startswith(b"PK\3\4"):
@@ -87,21 +95,49 @@ class Content:
         try:
             return _from_yaml(self.text)
         except ArgumentError:
-            words = re.sub(r"#.*|[\[\],;]", " ", self.text).split()
-            if len(words) in (9, 10) and all(map(_NUMBER.fullmatch, words)):  # 3 x 3, and a baseline
-                return [{"K": words[:9]} | dict.fromkeys(["baseline"] * len(words[9:]), words[-1])]
-            parts = re.split(r"^(?=# oST version)", self.text, flags=re.MULTILINE)  # of a pair
-            if lines := [values for part in parts if (values := _from_lines(part))]:
-                return lines
-            raise
+            documents = _from_matrix(self.text) or _from_messages(self.text)
+            if not documents:
+                raise
+            return documents
+
+
+def _from_matrix(text: str) -> list[Any]:
+    """Return the document of a text of nine numbers of K, and a baseline; none of another text."""
+    words = re.sub(r"#.*|[\[\],;]", " ", text).split()
+    if len(words) not in (9, 10) or not all(map(_NUMBER.fullmatch, words)):
+        return []
+    document: dict[str, Any] = {"K": words[:9]}
+    if len(words) == 10:
+        document["baseline"] = words[9]
+    return [document]
+
+
+def _from_messages(text: str) -> list[Any]:
+    """Return the documents of lines, one for each ``ost.txt`` of a pair; none of another text."""
+    documents = []
+    for part in re.split(r"^(?=# oST version)", text, flags=re.MULTILINE):
+        values = _from_lines(part)
+        if values:
+            documents.append(values)
+    return documents
 
 
 def _is_utf16(data: bytes) -> bool:
+    """Return whether bytes start with a byte-order mark of UTF-16."""
     return data[:2] in (b"\xff\xfe", b"\xfe\xff") and len(data) % 2 == 0
 
 
 def put_once(values: dict[str, Any], key: str, value: Any) -> None:
-    """Add a key to a mapping; ArgumentError where it has another value already."""
+    """Add a key to a mapping.
+
+    Args:
+        values: the mapping.
+        key: what is added.
+        value: its value.
+
+    Raises:
+        ArgumentError: the mapping has another value of the key already.
+    """
     if key in values and values[key] != value:
         raise ArgumentError(f"{key}: expected this key once, got {shown(values[key])} and {shown(value)}")
     values[key] = value
@@ -113,8 +149,8 @@ def _from_json(text: str) -> Any:
 
     def once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
         values: dict[str, Any] = {}
-        for pair in pairs:
-            put_once(values, *pair)
+        for key, value in pairs:
+            put_once(values, key, value)
         return values
 
     try:
@@ -127,8 +163,7 @@ def _from_json(text: str) -> Any:
 
 def _from_yaml(text: str) -> list[Any]:
     text = _NO_SPACE.sub(r"\1: ", _HEADERS.sub("", text.replace("\t", " ")))
-    parts = [part for part in _DOCUMENT_ENDS.split(text) if part.strip()]
-    values = [parse_yaml(part) for part in parts]
+    values = [parse_yaml(part) for part in _DOCUMENT_ENDS.split(text) if part.strip()]
     if not any(isinstance(value, dict | list) for value in values):
         raise ArgumentError("expected YAML of keys and values, got a text")
     return values
@@ -178,30 +213,46 @@ def _from_xml(text: str) -> Any:
     except ElementTree.ParseError as cause:
         raise ArgumentError(f"expected XML, got {cause}") from cause
 
-    def value(node: Any, level: int = 0) -> Any:
-        if level > 32:
-            raise ArgumentError("expected at most 32 levels of XML, got more")
-        if len(node) and {child.tag for child in node} == {"_"}:  # a sequence of OpenCV
-            return [value(child, level + 1) for child in node]
-        if not len(node) and (not node.attrib or "type_id" in node.attrib):
-            return _scalar(node.text or "")
-        values: dict[str, Any] = dict(node.attrib)
-        for child in node:
-            below = value(child, level + 1)
-            if child.tag not in values:
-                values[child.tag] = below
-            elif len(node.findall(child.tag)) > 1 and isinstance(below, dict):  # a list of elements
-                first = values[child.tag]
-                values[child.tag] = [*first, below] if isinstance(first, list) else [first, below]
-            else:
-                put_once(values, child.tag, below)
-        return values
-
-    values = value(root)
+    values = _xml_value(root)
     return values if root.tag == "opencv_storage" else {root.tag: values}
 
 
+_DEEPEST_XML = 32  # levels of elements
+
+
+def _xml_value(node: Any, level: int = 0) -> Any:
+    """Return the value of an element, ``level`` below the root: a text, a list of OpenCV, or a mapping."""
+    if level > _DEEPEST_XML:
+        raise ArgumentError(f"expected at most {_DEEPEST_XML} levels of XML, got more")
+    if len(node) and all(child.tag == "_" for child in node):  # a sequence of OpenCV
+        return [_xml_value(child, level + 1) for child in node]
+    if not len(node) and (not node.attrib or "type_id" in node.attrib):
+        return _scalar(node.text or "")
+    values: dict[str, Any] = dict(node.attrib)
+    for child in node:
+        _put_child(
+            values, child.tag, _xml_value(child, level + 1), is_listed=len(node.findall(child.tag)) > 1
+        )
+    return values
+
+
+def _put_child(values: dict[str, Any], tag: str, value: Any, is_listed: bool) -> None:
+    """Add the value of an element to its parent's values; elements that are mappings and listed are a
+    list."""
+    if tag not in values:
+        values[tag] = value
+    elif is_listed and isinstance(value, dict):
+        first = values[tag]
+        values[tag] = [*first, value] if isinstance(first, list) else [first, value]
+    else:
+        put_once(values, tag, value)
+
+
+_MOST_ARRAY = 4096  # numbers of an array that may belong to a lens
+
+
 def _from_npz(data: bytes) -> dict[str, Any]:
+    """Return the arrays of an archive of numpy as lists; None for large ones and for Python's objects."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(member.file_size for member in archive.infolist()) > MOST_JSON_BYTES:
@@ -210,7 +261,7 @@ def _from_npz(data: bytes) -> dict[str, Any]:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             for name in arrays.files:
                 try:
-                    values[name] = arrays[name].tolist() if arrays[name].size < 4096 else None
+                    values[name] = arrays[name].tolist() if arrays[name].size < _MOST_ARRAY else None
                 except ValueError:  # Python's objects, such as lists of rotations: they may run code
                     values[name] = None
         return values
@@ -229,17 +280,20 @@ def _yaml(values: Any) -> str:
 
 def _opencv_yaml(values: dict[str, Any]) -> str:
     """Return what ``cv2.FileStorage`` reads: matrices have their type."""
-    typed = {
-        key: {"rows": len(value), "cols": len(value[0]), "dt": "d", "data": [*chain(*value)]}
-        if isinstance(value, list) and isinstance(value[0], list)
-        else value
-        for key, value in values.items()
-    }
+    typed = dict(values)
+    for key, value in values.items():
+        if isinstance(value, list) and isinstance(value[0], list):
+            typed[key] = {"rows": len(value), "cols": len(value[0]), "dt": "d", "data": [*chain(*value)]}
     return "%YAML:1.0\n---\n" + re.sub(r":(\n +rows:)", r": !!opencv-matrix\1", _yaml(typed))
 
 
-def _words(value: Any) -> str:
-    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _lines(values: dict[str, Any]) -> str:
+    """Return lines ``key: value``, or ``key: number number ...``."""
+    text = ""
+    for key, value in values.items():
+        words = " ".join(map(str, value)) if isinstance(value, list) else str(value)
+        text += f"{key}: {words}\n"
+    return text
 
 
 def _xml(values: dict[str, Any], level: int = 0) -> str:
@@ -256,6 +310,6 @@ SYNTAXES: dict[str, Callable[[Any], str]] = {
     "opencv-yaml": _opencv_yaml,
     "json": lambda values: json.dumps(values, indent=1) + "\n",
     "xml": _xml,
-    "lines": lambda values: "".join(f"{key}: {_words(value)}\n" for key, value in values.items()),
+    "lines": _lines,
 }
 """Writers of plain values by syntax."""

@@ -52,9 +52,9 @@ def _own(content: Content) -> dict[str, Any] | None:
 
 def _is_rig(cameras: object) -> bool:
     """Return whether a value is a mapping of cameras as :meth:`Rig.to_dict` gives it."""
-    return isinstance(cameras, dict) and all(
-        isinstance(mount, dict) and "camera" in mount for mount in cameras.values()
-    )
+    if not isinstance(cameras, dict):
+        return False
+    return all(isinstance(mount, dict) and "camera" in mount for mount in cameras.values())
 
 
 def _plausible(entry: Entry) -> Entry:
@@ -87,7 +87,8 @@ class Own(Form):
         document = _own(content)
         if document is None:
             raise content.error or ArgumentError("camera: expected 'model', got another file")
-        values = {key: value for key, value in document.items() if key != _MARK}
+        values = dict(document)
+        values.pop(_MARK, None)
         if str(document.get(_MARK, 1)) != "1":
             raise ArgumentError(f"{_MARK}: expected 1, got {shown(document[_MARK])}")
         if "cameras" in values:
@@ -145,6 +146,11 @@ class Loaded(NamedTuple):
     format: str
     entries: dict[str, Entry]
 
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras without poses, by name."""
+        return {name: entry.camera for name, entry in self.entries.items()}
+
 
 def read(data: bytes | str, format: str | None = None, size: tuple[int, int] | None = None) -> Loaded:
     """Return the format and the cameras of a file.
@@ -195,7 +201,7 @@ def load(
         ArgumentError: the file cannot be read, its format is not recognised, or it does not follow the
             format; the message starts with the path.
     """
-    cameras = {name: entry.camera for name, entry in load_file(path, format, size).entries.items()}
+    cameras = load_file(path, format, size).cameras
     for name, camera in cameras.items():
         for doubt in doubts(camera):
             _log.warning("%s: %s: %s", path, name, doubt)
@@ -226,7 +232,7 @@ def loads(
         format: as for :func:`load`.
         size: as for :func:`load`.
     """
-    return {name: entry.camera for name, entry in read(text, format, size).entries.items()}
+    return read(text, format, size).cameras
 
 
 def doubts(camera: Camera) -> list[str]:
@@ -253,14 +259,14 @@ def _form_of(content: Content) -> Form:
             return form
     if content.error is not None and "once" in str(content.error):  # a key that is there twice
         raise content.error
-    listed = ", ".join(f"{name} ({lacks})" for name, lacks in _nearest(content))
-    nearest = f"nearest are {listed}: give format" if listed else "none of their keys is in it"
+    listed = _nearest(content)
+    nearest = f"nearest are {', '.join(listed)}: give format" if listed else "none of their keys is in it"
     why = f" ({content.error.message})" if content.error is not None else ""
     raise ArgumentError(f"expected a calibration file, got none of a known form{why}; {nearest}")
 
 
-def _nearest(content: Content) -> list[tuple[str, str]]:
-    """Return the forms of whose keys a file has most, and what each of them lacks."""
+def _nearest(content: Content) -> list[str]:
+    """Return the forms of whose keys a file has most, as ``NAME (what it lacks)``."""
     keys: set[str] = set()
     for value in content.values:
         _collect_keys(value, keys)
@@ -275,9 +281,9 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
         missing = [paths for paths in needed if not _last_words(paths) & keys]
         lacks = f"no {first_path(missing[0])}" if missing else "its keys stand elsewhere"
         if len(missing) < len(needed):
-            ranked.append((len(missing) / len(needed), form.name, lacks))
+            ranked.append((len(missing) / len(needed), f"{form.name} ({lacks})"))
     ranked.sort(key=lambda row: row[0])
-    return [(name, lacks) for _, name, lacks in ranked[:_NEAREST]]
+    return [text for _, text in ranked[:_NEAREST]]
 
 
 def _collect_keys(value: Any, keys: set[str]) -> None:
@@ -375,7 +381,8 @@ def load_rig(path: str | PathLike[str], size: tuple[int, int] | None = None) -> 
     path = Path(path)
     with within(path):
         if path.is_dir():
-            cameras, rigs = [read_text(path / name) for name in _COLMAP_FILES]
+            cameras = read_text(path / _COLMAP_FILES[0])
+            rigs = read_text(path / _COLMAP_FILES[1])
             return colmap.rig_from_colmap(cameras, rigs)
         return loads_rig(read_bytes(path, MOST_JSON_BYTES), size)
 

@@ -450,7 +450,8 @@ class Form:
 
     def _with_shutter(self, node: Node, camera: Camera) -> Camera:
         """Return a camera with the rolling shutter that the file gives it, if any."""
-        width, height = camera.width, camera.height
+        width = camera.width
+        height = camera.height
         for readout in self.layout.readouts:
             value = number(readout.path, node.take(readout.path, 0) or 0, least=0)
             seconds = readout.unit_s * value * readout.rows(height)
@@ -528,8 +529,8 @@ class Form:
         if rig and not self.layout.poses:
             raise ArgumentError(f"{self.name}: expected a form that carries poses, got one that does not")
         if self.writing.join is None and len(cameras) != 1:
-            got = f"{len(cameras)}: {shown(list(cameras))}"
-            raise ArgumentError(f"cameras: {self.name} holds one camera, got {got}")
+            names = f"{len(cameras)}: {shown(list(cameras))}"
+            raise ArgumentError(f"cameras: {self.name} holds one camera, got {names}")
         values_by_name: dict[str, Values] = {}
         for name, mounted in cameras.items():
             with within(name):

@@ -67,10 +67,12 @@ def _attributes(text: str) -> Values:
     if not attributes:
         return {}
     model = one_of("model", attributes.get("model"), _APIS)
-    values = {key.removeprefix(f"{model}:"): value for key, value in attributes.items()}
-    for key in values:
+    values: Values = {}
+    for name, value in attributes.items():
+        key = name.removeprefix(f"{model}:")
         if ":" in key or "." in key:
             raise ArgumentError(f"{key}: expected attributes of {model} without time samples, got it")
+        values[key] = value
     return values
 
 

@@ -190,7 +190,8 @@ class OpenCV(Form):
             if entry.pose is not None:
                 apart = max(apart, float(np.linalg.norm(entry.pose.position)))
         if apart > _FARTHEST_M:
-            entries = {name: entry._replace(pose=None) for name, entry in entries.items()}
+            for name, entry in entries.items():
+                entries[name] = entry._replace(pose=None)
             _log.warning(
                 "T: expected metres between two cameras, got %.6g: the poses are left out; "
                 "divide T by 1000 if it is in mm",
@@ -444,5 +445,5 @@ def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike, **m
 def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
     """Return K (3, 3), D, and all numbers of a camera by a form."""
     model, values = form.held(camera)
-    matrix, terms = [np.array(key.write(values)) for key in model.keys if key.is_list]
-    return matrix.reshape(3, 3), terms, values
+    matrix, *_, terms = model.keys  # unified has xi between them
+    return np.reshape(matrix.write(values), (3, 3)), np.array(terms.write(values)), values
