@@ -50,14 +50,16 @@ LARGEST_IMAGE = 1 << 27  # pixels, 16384 x 8192: its rays take 7 GB
 
 def grid_axes(pixels: Array) -> tuple[Array, Array]:
     """Return u and v of pixels (..., 2); of a grid (H, W, 2), a row (1, W) of u and a column (H, 1) of v."""
-    u, v = pixels[..., 0], pixels[..., 1]
+    u = pixels[..., 0]
+    v = pixels[..., 1]
     if pixels.ndim == 3 and (u == u[:1]).all() and (v == v[:, :1]).all():
         return u[:1], v[:, :1]
     return u, v
 
 
 def vectors(x: Array, y: Array, z: Array) -> Array:
-    """Return vectors (..., 3) of coordinates that broadcast, such as rows and columns of a grid."""
+    """Return vectors (..., 3) of coordinates x, y and z that broadcast, such as rows and columns of a
+    grid."""
     xyz = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
     xyz[..., 0] = x
     xyz[..., 1] = y
@@ -66,7 +68,7 @@ def vectors(x: Array, y: Array, z: Array) -> Array:
 
 
 def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
-    """Raise ArgumentError if both ways to give the focal length are used."""
+    """Raise ArgumentError if both ``focal`` and ``fov_deg`` are given, of which the focal length follows."""
     if focal is not None and fov_deg is not None:
         raise ArgumentError(f"focal: expected focal or fov_deg, got both ({shown(focal)}, {shown(fov_deg)})")
 
@@ -78,9 +80,10 @@ def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
 
 
 def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
-    """Return radius r and azimuth (cos a, sin a) of (..., 2); (1, 0) at the centre."""
+    """Return radius r and azimuth (cos a, sin a) of points ``xy`` (..., 2) about ``center``; (1, 0) there."""
     offset = xy - np.asarray(center)
-    x, y = offset[..., 0], offset[..., 1]
+    x = offset[..., 0]
+    y = offset[..., 1]
     r = np.hypot(x, y)
     at_center = r == 0
     safe = np.where(at_center, 1.0, r)
@@ -126,7 +129,8 @@ class Camera(ABC):
     that follow from them); :meth:`parameters`, :meth:`to_dict`, equality and pickling use these.
 
     Args:
-        width, height: image size in pixels, each 1 to 1,000,000, their product at most ``LARGEST_IMAGE``.
+        width: of the image, px, 1 to 1,000,000.
+        height: of the image, px, likewise; the image has at most ``LARGEST_IMAGE`` pixels.
         center: (u, v) px, where the axis meets the image; the image's middle if not given.
 
     Raises:
@@ -145,17 +149,19 @@ class Camera(ABC):
         self.width = whole_number("width", width, "pixels", most=LARGEST_PX)
         self.height = whole_number("height", height, "pixels", most=LARGEST_PX)
         if self.width * self.height > LARGEST_IMAGE:
-            got = f"{self.width} x {self.height}"
-            raise ArgumentError(f"size: expected at most {LARGEST_IMAGE} pixels (16384 x 8192), got {got}")
+            size = f"{self.width} x {self.height}"
+            raise ArgumentError(f"size: expected at most {LARGEST_IMAGE} pixels (16384 x 8192), got {size}")
         middle = (self.width / 2, self.height / 2)
         self.center = numbers("center", middle if center is None else center, (2,))
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
         """Return a typical camera of the model: an image ``width`` pixels wide, parameters ``typical``."""
-        names = [one.name for one in cls.lens.focal] if cls.lens else ["focal"]
-        focal = dict.fromkeys(names, cls.typical_focal * width) if cls.typical_focal else {}
-        return cls(width, max(1, int(width * cls.typical_aspect)), **focal, **cls.typical)
+        parameters = dict(cls.typical)
+        if cls.typical_focal:
+            names = [argument.name for argument in cls.lens.focal] if cls.lens else ["focal"]
+            parameters |= dict.fromkeys(names, cls.typical_focal * width)
+        return cls(width, max(1, int(width * cls.typical_aspect)), **parameters)
 
     # -- the contract ---------------------------------------------------------------------------
 
@@ -170,7 +176,8 @@ class Camera(ABC):
         """
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
         with np.errstate(all="ignore"):
-            u, v = uv[..., 0], uv[..., 1]
+            u = uv[..., 0]
+            v = uv[..., 1]
             inside = np.ones(u.shape, dtype=bool)
             if pixels is not None:
                 inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
@@ -192,8 +199,8 @@ class Camera(ABC):
         """
         xyz = _last_axis("points", points, 3)
         with np.errstate(all="ignore"):
-            x, y, z = np.abs(xyz[..., 0]), np.abs(xyz[..., 1]), np.abs(xyz[..., 2])
-            largest = np.maximum(np.maximum(x, y), z)
+            largest = np.maximum(np.abs(xyz[..., 0]), np.abs(xyz[..., 1]))
+            largest = np.maximum(largest, np.abs(xyz[..., 2]))
             known = np.asarray((largest > 0 if self.central else True) & (largest <= FARTHEST))
             pixels, valid = self._project(_replace(xyz, known, 1.0))
             pixels, inside = self._within_image(pixels)
@@ -214,11 +221,16 @@ class Camera(ABC):
     @cached_property
     def wraps(self) -> bool:
         """Whether the borders of the image meet: pixels at u = 0 and u = width have the same rays."""
-        v = np.arange(self.height) + 0.5
-        left, right = (self.unproject(np.stack([np.full_like(v, u), v], axis=-1)) for u in (0.0, self.width))
+        left = self._column(0.0)
+        right = self._column(self.width)
         if not (left.valid.all() and right.valid.all()):
             return False
         return bool(np.abs(left.lines() - right.lines()).max() <= _SAME_RAY)
+
+    def _column(self, u: float) -> Rays:
+        """Return the rays (H,) of the pixels of each row's middle at u px."""
+        v = np.arange(self.height) + 0.5
+        return self.unproject(np.stack([np.full_like(v, u), v], axis=-1))
 
     @abstractmethod
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
@@ -239,7 +251,10 @@ class Camera(ABC):
 
     def parameters(self) -> dict[str, Any]:
         """Return the constructor arguments beyond width, height and center, ready for JSON."""
-        return {k: v for k, v in self._arguments().items() if k not in ("width", "height", "center")}
+        arguments = self._arguments()
+        for key in ("width", "height", "center"):
+            arguments.pop(key, None)
+        return arguments
 
     def to_dict(self) -> dict[str, Any]:
         """Return name, size, centre and parameters: what :func:`omniscv.cameras.from_dict` takes."""
@@ -247,8 +262,12 @@ class Camera(ABC):
 
     def _arguments(self) -> dict[str, Any]:
         """Return the constructor arguments that reproduce this camera, without those that are None."""
-        values = ((key, getattr(self, key, None)) for key in inspect.signature(type(self)).parameters)
-        return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values if v is not None}
+        arguments: dict[str, Any] = {}
+        for key in inspect.signature(type(self)).parameters:
+            value = getattr(self, key, None)
+            if value is not None:
+                arguments[key] = value.tolist() if hasattr(value, "tolist") else value
+        return arguments
 
     def __repr__(self) -> str:
         fields = ", ".join(f"{key}={value!r}" for key, value in self._arguments().items())
@@ -286,11 +305,17 @@ class Camera(ABC):
                 self._freeze()
 
         if inspect.Parameter.VAR_KEYWORD in kinds:
-            named = inspect.Parameter.VAR_POSITIONAL not in kinds
-            base = enumerate(inspect.signature(super(cls, cls).__init__).parameters.values())
-            every = [each.replace(kind=each.KEYWORD_ONLY) if named and k > 2 else each for k, each in base]
-            every += [each for each in own if each.kind is each.KEYWORD_ONLY]
-            __init__.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+            by_name = inspect.Parameter.VAR_POSITIONAL not in kinds
+            parameters = []
+            for index, parameter in enumerate(
+                inspect.signature(super(cls, cls).__init__).parameters.values()
+            ):
+                after_size = index > 2  # self, width, height
+                if by_name and after_size:
+                    parameter = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+                parameters.append(parameter)
+            parameters += [parameter for parameter in own if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
+            __init__.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         cls.__init__ = __init__  # type: ignore[method-assign]
 
     def _freeze(self) -> None:
@@ -340,6 +365,7 @@ class CentralCamera(Camera):
 
 
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
+    """Return numbers (..., size) as float64; ArgumentError that names ``key`` for anything else."""
     array = np.asarray(value)
     if array.shape[-1:] != (size,) or array.dtype.kind not in "fiu":
         raise ArgumentError(f"{key}: expected numbers (..., {size}), got {array.dtype} of {array.shape}")
@@ -364,9 +390,14 @@ def _blank(rows: Array, keep: Mask) -> Array:
 def viewpoints_by_line(origins: Array, valid: Mask, axis: int, count: int | None) -> Viewpoints:
     """Return one centre per line of an image, or at most ``count``, each for the same number of lines.
 
-    A shared centre is the mean of the lines' centres (L, 3), ``origins``; if all are equal, there is one.
-    Centres without a pixel of ``valid`` (H, W) are left out. Lines are rows if ``axis`` is 0, columns if it
-    is 1.
+    A shared centre is the mean of the lines' centres; if all are equal, there is one. Centres without a valid
+    pixel are left out.
+
+    Args:
+        origins: (L, 3) the centre of each line, camera frame, metres.
+        valid: (H, W) which pixels have a ray.
+        axis: 0 where lines are rows, 1 where they are columns.
+        count: at most so many centres; None: one a line.
     """
     lines = len(origins)
     count = whole_number("count", lines if count is None else count, "viewpoints")

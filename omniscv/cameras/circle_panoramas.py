@@ -40,7 +40,9 @@ class CirclePanorama(AngularGrid):
         return origins
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        x = points[..., 0]
+        y = points[..., 1]
+        z = points[..., 2]
         from_axis = np.hypot(x, z)
         theta = np.arctan2(x, z)
         reach = from_axis
@@ -157,5 +159,6 @@ def side(eye: Eye) -> float:
 def _outward(theta: Array) -> Array:
     """Return the level unit vectors (..., 3) at azimuths."""
     outward = np.zeros((*theta.shape, 3))
-    outward[..., 0], outward[..., 2] = np.sin(theta), np.cos(theta)
+    outward[..., 0] = np.sin(theta)
+    outward[..., 2] = np.cos(theta)
     return outward

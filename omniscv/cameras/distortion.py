@@ -21,7 +21,8 @@ class Increasing:
         most: the largest x.
 
     Attributes:
-        end, last: the last x, and p there.
+        end: the last x.
+        last: p there.
     """
 
     def __init__(self, coefficients: Array, most: float) -> None:
@@ -72,7 +73,8 @@ def first_positive_root(coefficients: ArrayLike) -> float:
     if not negative.size:
         return np.inf
     first = negative[0]
-    low, high = between[first - 1] if first else near[0] / 2, between[first]
+    low = between[first - 1] if first else near[0] / 2
+    high = between[first]
     for _ in range(70):  # halves the ratio of the two, down to the last digit
         middle = np.sqrt(low) * np.sqrt(high)
         low, high = (low, middle) if polyval(middle, trimmed) < 0 else (middle, high)
@@ -80,36 +82,46 @@ def first_positive_root(coefficients: ArrayLike) -> float:
 
 
 def increasing_root(value: Callable[..., Array], low: Array, high: Array, *others: Array) -> Array:
-    """Return the roots of N functions of (x, *others) that rise from negative to positive between ``low`` and
-    ``high``.
+    """Return the roots (N,) of N functions of x that rise from negative to positive between two bounds.
 
     Where rounding hides the change of sign, it is the end next to it. Regula falsi: a step scales the value
     at the end that it keeps as Anderson and Björck do. Converged roots are set aside when they are the
     majority, so that a few slow ones cost little.
+
+    Args:
+        value: returns the values (M,) of functions at x (M,), with what ``others`` have for these.
+        low: (N,) the lower bounds.
+        high: (N,) the upper bounds.
+        others: (N,) more arguments of the functions.
     """
     below = value(low, *others)
     above = value(high, *others)
     root = np.where(below > 0, low, high)
     index = np.flatnonzero((below <= 0) & (above >= 0))
-    each = [values[index] for values in (low, high, below, above, *others)]
+    pending = [values[index] for values in (low, high, below, above, *others)]
     for _ in range(_MOST_STEPS):
         if not index.size:
             break
-        low, high, below, above, *others_of = each
+        low, high, below, above, *pending_others = pending
         with np.errstate(divide="ignore", invalid="ignore"):
             step = high - above * ((high - low) / (above - below))
             x = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-            y = value(x, *others_of)
+            y = value(x, *pending_others)
             rises = y < 0
             kept = 1 - y / np.where(rises, below, above)
         kept = np.where(kept > 0, kept, 0.5)
         moving = np.abs(x - root[index]) > 4e-16 * x
         root[index] = x
-        low, high = np.where(rises, x, low), np.where(rises, high, x)
-        each = [low, high, np.where(rises, y, below * kept), np.where(rises, above * kept, y), *others_of]
+        pending = [
+            np.where(rises, x, low),
+            np.where(rises, high, x),
+            np.where(rises, y, below * kept),
+            np.where(rises, above * kept, y),
+            *pending_others,
+        ]
         if 2 * np.count_nonzero(moving) <= index.size:
             index = index[moving]
-            each = [values[moving] for values in each]
+            pending = [values[moving] for values in pending]
     return root
 
 
@@ -193,9 +205,11 @@ class Distortion:
 
         if np.isfinite(end) and within(end):
             return end
-        low, high = 0.0, min(end, beyond)
+        low = 0.0
+        high = min(end, beyond)
         while within(high) and high < min(end, 1e100):
-            low, high = high, min(2 * high, end)
+            low = high
+            high = min(2 * high, end)
         for _ in range(100):
             if self._radial(np.array(low)) >= 0.9 * beyond:
                 break

@@ -103,8 +103,9 @@ class FisheyeEquisolid(Fisheye):
     _edge = 1.0
 
     def _meridian(self, t: Array) -> Meridian:
-        rest = (1 - t) * (1 + t)
-        return Meridian(np.where(rest > 0, 2 * t * np.sqrt(rest), _MIN_SINE), 1 - 2 * t * t)
+        squared_cosine = (1 - t) * (1 + t)  # of phi / 2
+        across = np.where(squared_cosine > 0, 2 * t * np.sqrt(squared_cosine), _MIN_SINE)
+        return Meridian(across, 1 - 2 * t * t)
 
     def _radius(self, across: Array, along: Array) -> Array:
         # Two forms of sin(phi / 2), each free of cancellation on its side.

@@ -37,7 +37,8 @@ class Argument(NamedTuple):
     def of(cls, text: str) -> Argument:
         """Return the argument of ``fx``, ``k=k1,k2``, or ``polynomial=c0..c5``, which may end earlier."""
         name, _, names = text.partition("=")
-        if series := re.fullmatch(r"([a-z]+)0\.\.\1(\d+)", names):
+        series = re.fullmatch(r"([a-z]+)0\.\.\1(\d+)", names)
+        if series:
             return cls(name, tuple(f"{series[1]}{i}" for i in range(int(series[2]) + 1)), True)
         return cls(name, ("fx", "fy") if name == "focal" else tuple((names or name).split(",")))
 
@@ -56,16 +57,25 @@ class Parameters(NamedTuple):
     @classmethod
     def of(cls, text: str) -> Parameters:
         """Return the parameters of ``fx fy | cx cy | skew k=k1,k2,k3,k4``."""
-        return cls(*(tuple(map(Argument.of, group.split())) for group in text.split("|")))
+        groups = []
+        for group in text.split("|"):
+            groups.append(tuple(map(Argument.of, group.split())))
+        return cls(*groups)
 
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all numbers."""
-        return tuple(name for argument in chain(*self) for name in argument.names)
+        names: list[str] = []
+        for argument in chain(*self):
+            names += argument.names
+        return tuple(names)
 
     def __str__(self) -> str:
-        groups = zip(("focal lengths", "centre", "distortion"), self, strict=True)
-        return "; ".join(f"{group} {', '.join(map(str, listed))}" for group, listed in groups if listed)
+        groups = []
+        for title, arguments in zip(("focal lengths", "centre", "distortion"), self, strict=True):
+            if arguments:
+                groups.append(f"{title} {', '.join(map(str, arguments))}")
+        return "; ".join(groups)
 
     def numbers(self, camera: object) -> Numbers | None:
         """Return the numbers of a camera by name; None if it has more than there are names."""
@@ -86,7 +96,7 @@ class Parameters(NamedTuple):
         """
         arguments: dict[str, Any] = {}
         for name, names, ends in chain(*self):
-            values = [numbers.get(each, NEUTRAL.get(each, 0.0)) for each in names]
+            values = [numbers.get(key, NEUTRAL.get(key, 0.0)) for key in names]
             if name == "focal" and values[0] != values[1]:
                 wanted = "two that are equal (our division model stretches no axis)"
                 raise wrong("focal lengths", wanted, values)

@@ -42,11 +42,12 @@ class LidarTable:
     Args:
         elevation_deg: (n,) of each channel, decreasing, within +-90.
         azimuth_deg: (n,) of each channel, to the left +, on top of its column's.
-        along_m, across_m, up_m: (n,) where each ray starts: along its level direction, to the left of that,
-            up. Ranges count from there.
+        along_m: (n,) where each ray starts, along its level direction; ranges count from there.
+        across_m: (n,) the same to the left of that direction.
+        up_m: (n,) the same upward.
         delay_s: (n,) from the firing of a column to that of its channel.
-        start_deg, step_deg: azimuth of the first column, and from a column to the next; a turn to the right
-            in equal steps, if no step is given.
+        start_deg: azimuth of the first column.
+        step_deg: azimuth from a column to the next; None: a turn to the right in equal steps.
         columns: of a turn; None where the table does not say.
         rate: turns a second.
         ring_from_below: whether programs count this sensor's channels from the lowest one.
@@ -79,25 +80,40 @@ class LidarTable:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {key: v.tolist() if isinstance(v, np.ndarray) else v for key, v in asdict(self).items()}
+        plain = asdict(self)
+        for key, value in plain.items():
+            if isinstance(value, np.ndarray):
+                plain[key] = value.tolist()
+        return plain
 
 
 def _velodyne(elevation_deg: Array, cycle_s: float, laser_s: float) -> LidarTable:
     """Return the table of a sensor whose lasers, in the order given, fire one after the other."""
     delay_s = laser_s * np.arange(len(elevation_deg))
     turn_deg = -360 * _RATE
-    beams = {"elevation_deg": elevation_deg, "azimuth_deg": turn_deg * delay_s, "delay_s": delay_s}
-    steps = {"step_deg": turn_deg * cycle_s, "columns": int(1 / (_RATE * cycle_s)), "ring_from_below": True}
-    return read(LidarTable, {**beams, **steps})
+    table = {
+        "elevation_deg": elevation_deg,
+        "azimuth_deg": turn_deg * delay_s,
+        "delay_s": delay_s,
+        "step_deg": turn_deg * cycle_s,
+        "columns": int(1 / (_RATE * cycle_s)),
+        "ring_from_below": True,
+    }
+    return read(LidarTable, table)
 
 
 def _off_axis(elevation: Any, azimuth_deg: Array, axis_mm: float, up_mm: float, **more: Any) -> LidarTable:
     """Return the table of beams that start on a circle around the axis, at the azimuth of their column."""
     angle = np.radians(azimuth_deg)
     axis_m = axis_mm / 1e3
-    up_m = np.full(len(azimuth_deg), up_mm / 1e3)
-    start = {"along_m": axis_m * np.cos(angle), "across_m": -axis_m * np.sin(angle), "up_m": up_m}
-    return read(LidarTable, {"elevation_deg": elevation, "azimuth_deg": azimuth_deg, **start, **more})
+    table = {
+        "elevation_deg": elevation,
+        "azimuth_deg": azimuth_deg,
+        "along_m": axis_m * np.cos(angle),
+        "across_m": -axis_m * np.sin(angle),
+        "up_m": np.full(len(azimuth_deg), up_mm / 1e3),
+    }
+    return read(LidarTable, table | more)
 
 
 def _ouster(channels: int) -> LidarTable:
@@ -151,35 +167,53 @@ class Lidar(Camera):
         if (preset is None) == (table is None):
             raise ArgumentError(f"preset: expected {', '.join(PRESETS)} or a file; or a table, and not both")
         self.preset = preset if isinstance(preset, str) and preset in PRESETS else None
-        self._table = beams = read(LidarTable, table, "table") if preset is None else _table(preset)
-        if width is None and beams.columns is None:
+        self._table = read(LidarTable, table, "table") if preset is None else _table(preset)
+        columns = self._table.columns if width is None else width
+        if columns is None:
             raise ArgumentError("width: expected the firings in a turn, which the table does not say")
-        channels = len(beams.elevation_deg)
-        across = beams.columns if width is None else width
-        super().__init__(across or 0, channels if height is None else height)
-        self._start = math.radians(beams.start_deg)
-        step_deg = -360 / self.width if beams.step_deg is None else beams.step_deg
+        channels = len(self._table.elevation_deg)
+        super().__init__(columns, channels if height is None else height)
+        self._channels_a_row = channels / self.height
+        self._set_columns()
+        self._set_rows()
+
+    def _set_columns(self) -> None:
+        """Set azimuth and step of the columns, radians, and how many of them are a turn."""
+        step_deg = self._table.step_deg
+        self._turn = float(self.width) if step_deg is None else 360 / abs(step_deg)
+        if step_deg is None:
+            step_deg = -360 / self.width
+        self._start = math.radians(self._table.start_deg)
         self._step = math.radians(step_deg)
         if self.width * abs(step_deg) > 360 * (1 + 1e-9):
             most = int(360 / abs(step_deg))
             raise ArgumentError(f"width: expected at most {most} firings, which are a turn, got {self.width}")
-        self._turn = float(self.width) if beams.step_deg is None else 360 / abs(step_deg)  # columns
-        self._channels_a_row = channels / self.height
-        e = np.radians(beams.elevation_deg)
-        first, last = (e[:1] - e[1:2]) / 2, (e[-2:-1] - e[-1:]) / 2
+
+    def _set_rows(self) -> None:
+        """Set the beams of channels, radians and metres, and elevations half a row beyond the outer ones."""
+        beams = self._table
+        elevation = np.radians(beams.elevation_deg)
+        channels = len(elevation)
+        first = (elevation[:1] - elevation[1:2]) / 2
+        last = (elevation[-2:-1] - elevation[-1:]) / 2
         if channels == 1:
             first = last = np.full(1, abs(self._step) / 2)
         self._rows = np.concatenate([[-0.5], np.arange(channels), [channels - 0.5]])
-        self._elevation = np.concatenate([e[:1] + first, e, e[-1:] - last])
+        self._elevation = np.concatenate([elevation[:1] + first, elevation, elevation[-1:] - last])
         if np.abs(self._elevation).max() >= np.pi / 2:
             raise ArgumentError("elevation_deg: expected half a row beyond the first and last within +-90")
         self._azimuth = np.radians(beams.azimuth_deg)
         self._offset = np.stack([beams.along_m, beams.across_m, beams.up_m])
 
     def _arguments(self) -> dict[str, Any]:
-        own: dict[str, Any] = {"preset": self.preset} if self.preset else {"table": self._table.to_dict()}
-        own |= {"frozen": True} if self.frozen else {}
-        return {"width": self.width, "height": self.height, **own}
+        arguments: dict[str, Any] = {"width": self.width, "height": self.height}
+        if self.preset:
+            arguments["preset"] = self.preset
+        else:
+            arguments["table"] = self._table.to_dict()
+        if self.frozen:
+            arguments["frozen"] = True
+        return arguments
 
     @property
     def rate(self) -> float:
@@ -278,20 +312,25 @@ def _table(preset: str) -> LidarTable:
             content = bounded.read_bytes(path, _MOST_BYTES)
             if path.suffix == ".csv":
                 return _of_csv(bounded.decode_text(content))
-            is_json = path.suffix == ".json"
-            data = (
-                bounded.parse_json(content) if is_json else bounded.parse_yaml(bounded.decode_text(content))
-            )
-            sections = [data, *(value for value in data.values() if isinstance(value, Mapping))]
-            keys = {key: value for section in sections for key, value in section.items()}
-            if "beam_altitude_angles" in keys:
-                return _of_ouster(keys)
-            return _of_ncore(keys) if "row_elevations_rad" in keys else _of_velodyne(keys)
+            if path.suffix == ".json":
+                return _of_keys(bounded.parse_json(content))
+            return _of_keys(bounded.parse_yaml(bounded.decode_text(content)))
         except ArgumentError:
             raise
         except (ValueError, KeyError, TypeError, AttributeError) as cause:
             wanted = "expected beam_altitude_angles, row_elevations_rad, lasers, or CSV with elevation_deg"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def _of_keys(document: Mapping[str, Any]) -> LidarTable:
+    """Return the table of a JSON or YAML file, whose keys may stand in sections."""
+    keys: dict[str, Any] = {}
+    for section in (document, *document.values()):
+        if isinstance(section, Mapping):
+            keys |= section
+    if "beam_altitude_angles" in keys:
+        return _of_ouster(keys)
+    return _of_ncore(keys) if "row_elevations_rad" in keys else _of_velodyne(keys)
 
 
 def _of_ouster(keys: Mapping[str, Any]) -> LidarTable:
@@ -320,11 +359,19 @@ def _of_ouster(keys: Mapping[str, Any]) -> LidarTable:
 def _of_velodyne(keys: Mapping[str, Any]) -> LidarTable:
     """Calibration of the ROS driver: ``lasers``, each with corrections in radians and metres."""
     names = ("vert_correction", "rot_correction", "horiz_offset_correction", "vert_offset_correction")
-    rows = [[laser.get(name, 0.0) for name in names] for laser in keys["lasers"]]
+    rows = []
+    for laser in keys["lasers"]:
+        rows.append([laser.get(name, 0.0) for name in names])
     vertical, turn, across, up = numbers("lasers", rows, (None, 4)).T
-    beams = {"elevation_deg": np.degrees(vertical), "azimuth_deg": np.degrees(turn), "across_m": across}
-    start = {"along_m": -up * np.sin(vertical), "up_m": up * np.cos(vertical), "ring_from_below": True}
-    return read(LidarTable, {**beams, **start})
+    table = {
+        "elevation_deg": np.degrees(vertical),
+        "azimuth_deg": np.degrees(turn),
+        "across_m": across,
+        "along_m": -up * np.sin(vertical),
+        "up_m": up * np.cos(vertical),
+        "ring_from_below": True,
+    }
+    return read(LidarTable, table)
 
 
 def _of_ncore(keys: Mapping[str, Any]) -> LidarTable:
@@ -335,17 +382,26 @@ def _of_ncore(keys: Mapping[str, Any]) -> LidarTable:
     if step == 0 or np.abs(columns - even).max() > _EVEN * abs(step):
         raise wrong("column_azimuths_rad", "equal steps", keys["column_azimuths_rad"])
     rows = len(keys["row_elevations_rad"])
-    offsets = keys.get("row_azimuth_offsets_rad") or [0.0] * rows
-    elevation, azimuth = (numbers("rows", row, (rows,)) for row in (keys["row_elevations_rad"], offsets))
-    beams = {"elevation_deg": np.degrees(elevation), "azimuth_deg": np.degrees(azimuth)}
-    steps = {"start_deg": math.degrees(columns[0]), "step_deg": math.degrees(step), "columns": len(columns)}
-    return read(LidarTable, {**beams, **steps, "rate": keys.get("spinning_frequency_hz", _RATE)})
+    elevation = numbers("rows", keys["row_elevations_rad"], (rows,))
+    azimuth = numbers("rows", keys.get("row_azimuth_offsets_rad") or [0.0] * rows, (rows,))
+    table = {
+        "elevation_deg": np.degrees(elevation),
+        "azimuth_deg": np.degrees(azimuth),
+        "start_deg": math.degrees(columns[0]),
+        "step_deg": math.degrees(step),
+        "columns": len(columns),
+        "rate": keys.get("spinning_frequency_hz", _RATE),
+    }
+    return read(LidarTable, table)
 
 
 def _of_csv(text: str) -> LidarTable:
     """A line of names, then a line for each channel: ``elevation_deg``, ``azimuth_deg`` (to the left +)."""
     rows = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
     if not rows or not {*rows[0]} <= {"elevation_deg", "azimuth_deg"}:
-        got = shown(text.partition("\n")[0])
-        raise ArgumentError(f"expected columns elevation_deg, azimuth_deg, got {got}")
-    return read(LidarTable, {name: [row[name] for row in rows] for name in rows[0]})
+        line = shown(text.partition("\n")[0])
+        raise ArgumentError(f"expected columns elevation_deg, azimuth_deg, got {line}")
+    table = {}
+    for name in rows[0]:
+        table[name] = [row[name] for row in rows]
+    return read(LidarTable, table)

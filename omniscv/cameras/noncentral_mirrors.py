@@ -128,11 +128,12 @@ class NoncentralSphericalMirror(NoncentralMirror):
         root between 0 and psi; the camera sees it up to the grazing ring.
         """
         t = np.full(cos_psi.shape, np.nan)
-        flat = t.reshape(-1), cos_psi.ravel(), sin_psi.ravel(), closeness.ravel()
+        flat = (cos_psi.ravel(), sin_psi.ravel(), closeness.ravel())
         m = self.distance / self._z_s
         grazing = np.sqrt(m / (2 - m))
         for start in range(0, t.size, _BLOCK):
-            out, p, q, k = (values[start : start + _BLOCK] for values in flat)
+            block = slice(start, start + _BLOCK)
+            p, q, k = (values[block] for values in flat)
             limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
             above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -ROUNDING
             seen = above_horizon & (k <= 1 + ROUNDING)
@@ -140,7 +141,7 @@ class NoncentralSphericalMirror(NoncentralMirror):
             q = q[seen]
             k = np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
-            out[seen] = increasing_root(
+            t.reshape(-1)[block][seen] = increasing_root(
                 lambda t, c0, c1, c2, c3, c4: (((c4 * t + c3) * t + c2) * t + c1) * t + c0,
                 np.zeros_like(q), limit[seen], *quartic,
             )  # fmt: skip
@@ -183,7 +184,8 @@ class NoncentralConicalMirror(NoncentralMirror):
         self._cos = cos
         self._sin2 = 2 * sin * cos
         self._cos2 = (cos - sin) * (cos + sin)
-        if (rim := self.mirror_radius) is None:
+        rim = self.mirror_radius
+        if rim is None:
             self._edge = float(np.nextafter(sin / cos, 0))
         else:
             self._edge = float(rim * sin / (self.distance * sin + rim * cos))

@@ -5,6 +5,7 @@ right, back and left are upright; the lower edge of ``up`` and the upper edge of
 """
 
 from collections.abc import Callable
+from itertools import chain
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -44,7 +45,9 @@ class AngularGrid(Camera):
         return np.stack([(across + 1) * self.width / 2, (1 - up) * self.height / 2], axis=-1)
 
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        x = points[..., 0]
+        y = points[..., 1]
+        z = points[..., 2]
         return self._pixels_at(np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z)) / self._half[1]), True
 
 
@@ -137,7 +140,9 @@ class Cylindrical(AngularGrid, CentralCamera):
     def _project(self, points: Array) -> tuple[Array, Mask | bool]:
         if self.profile == "angular":
             return super()._project(points)
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        x = points[..., 0]
+        y = points[..., 1]
+        z = points[..., 2]
         height = _ROWS[self.profile].height(-y / np.hypot(x, z))
         return self._pixels_at(np.arctan2(x, z), height / self._top), True
 
@@ -186,10 +191,14 @@ class CubeLayout(CentralCamera):
         room = np.array([self.width, self.height]) - 2 * self.padding_px * np.array([1, len(rows)])
         self._slot_px = room / self._grid
         # By slot, row-major: the face, -1 for none, and its axes; by face: its slot.
-        slots = [slot for row in rows for slot in row]
-        self._face = np.array([_FACES.find(slot[0]) for slot in slots])
-        self._slot_axes = np.array([_axes(slot) for slot in slots])
-        self._slot_of = np.array([np.flatnonzero(self._face == face)[0] for face in range(6)])
+        faces = []
+        axes = []
+        for slot in chain(*rows):
+            faces.append(_FACES.find(slot[0]))
+            axes.append(_axes(slot))
+        self._face = np.array(faces)
+        self._slot_axes = np.array(axes)
+        self._slot_of = np.array([faces.index(face) for face in range(6)])
 
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
         from omniscv.cameras.camera_kernels import cast  # slow to load
@@ -208,7 +217,9 @@ class CubeLayout(CentralCamera):
         face = np.array([[3, 1], [4, 5], [2, 0]])[axis, (ahead > 0).astype(np.int64)]
         slot = self._slot_of[face]
         scaled = points / np.abs(ahead)[..., None]
-        xy = np.stack([(self._slot_axes[slot, :, k] * scaled).sum(axis=-1) for k in (0, 1)], axis=-1)
+        across = (self._slot_axes[slot, :, 0] * scaled).sum(axis=-1)
+        down = (self._slot_axes[slot, :, 1] * scaled).sum(axis=-1)
+        xy = np.stack([across, down], axis=-1)
         edge = 1 - 1e-13  # keeps the pixel in its slot
         a = np.clip(4 / np.pi * np.arctan(xy) if self._equiangular else xy, -edge, edge)
         cell = np.stack([slot % self._grid[0], slot // self._grid[0]], axis=-1)
@@ -277,10 +288,8 @@ class Octahedral(CentralCamera):
         self._size = np.array([self.width, self.height])
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
-        x, y = (
-            np.clip(2 * pixels[..., i] / size - 1, -_SQUARE_EDGE, _SQUARE_EDGE)
-            for i, size in enumerate(self._size)
-        )
+        x = np.clip(2 * pixels[..., 0] / self._size[0] - 1, -_SQUARE_EDGE, _SQUARE_EDGE)
+        y = np.clip(2 * pixels[..., 1] / self._size[1] - 1, -_SQUARE_EDGE, _SQUARE_EDGE)
         z = 1 - np.abs(x) - np.abs(y)
         x, y = _fold(x, y, z)
         scale = 1 / np.sqrt(x * x + y * y + z * z)
@@ -295,5 +304,6 @@ class Octahedral(CentralCamera):
 def _fold(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Return x and y, mirrored at the edges of the inner diamond where z < 0."""
     back = z < 0
-    folded = np.copysign(1 - np.abs(y), x), np.copysign(1 - np.abs(x), y)
-    return np.where(back, folded[0], x), np.where(back, folded[1], y)
+    folded_x = np.copysign(1 - np.abs(y), x)
+    folded_y = np.copysign(1 - np.abs(x), y)
+    return np.where(back, folded_x, x), np.where(back, folded_y, y)

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, whole_number
 from omniscv.cameras.base import (
@@ -80,8 +80,12 @@ class PushBroom(Camera):
         part = np.zeros_like(x) if self.readout else x / self.travel[0]  # at rest all columns see one plane
         ahead = points - part[..., None] * self.travel
         z = ahead[..., 2]
-        pixels = (part + 0.5) * self.width, self.height / 2 + self.focal * ahead[..., 1] / z
-        return np.stack(pixels, axis=-1), (z > 0) & (not self.readout or np.abs(x) <= _IN_PLANE * z)
+        u = (part + 0.5) * self.width
+        v = self.height / 2 + self.focal * ahead[..., 1] / z
+        seen = z > 0
+        if self.readout:
+            seen = seen & (np.abs(x) <= _IN_PLANE * z)
+        return np.stack([u, v], axis=-1), seen
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per column, or at most ``count`` for equal parts of the travel."""
@@ -136,6 +140,11 @@ class Orthographic(Camera):
         order = np.argsort(morton, axis=None)
         rank = np.empty(len(order), np.int32)
         rank[order] = np.arange(len(order))
-        middles = [np.bincount(of, np.arange(0.5, len(of))) / np.bincount(of) for of in (column, row)]
-        centers, _, _ = self._unproject(np.stack(np.meshgrid(*middles), axis=-1))
+        middles = np.meshgrid(_middles(column), _middles(row))
+        centers, _, _ = self._unproject(np.stack(middles, axis=-1))
         return Viewpoints(centers.reshape(-1, 3)[order], rank.reshape(down, across)[np.ix_(row, column)])
+
+
+def _middles(block: NDArray[np.int64]) -> Array:
+    """Return the mean place of each block's pixels along an axis, px, by the block (N,) of each pixel."""
+    return np.asarray(np.bincount(block, np.arange(0.5, len(block))) / np.bincount(block))

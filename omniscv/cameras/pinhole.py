@@ -72,15 +72,20 @@ class Pinhole(FocalLens):
             focal = number("focal", focal, above=0)
             return focal, focal, None
         if fx is None or fy is None or focal is not None:
-            lengths = {"focal": focal, "fx": fx, "fy": fy}
-            got = ", ".join(f"{key} = {shown(value)}" for key, value in lengths.items() if value is not None)
-            raise ArgumentError(f"focal: expected focal, or fx and fy, got {got}")
+            lengths = []
+            for key, value in {"focal": focal, "fx": fx, "fy": fy}.items():
+                if value is not None:
+                    lengths.append(f"{key} = {shown(value)}")
+            raise ArgumentError(f"focal: expected focal, or fx and fy, got {', '.join(lengths)}")
         return fx, fy, fov_deg
 
     def _arguments(self) -> dict[str, Any]:
-        simple = self.focal is not None and not self.skew and self._distortion is None and not self.fov_deg
-        left_out = {"fx", "fy", "cx", "cy", "skew", "distortion"} if simple else {"focal", "center"}
-        return {key: value for key, value in super()._arguments().items() if key not in left_out}
+        arguments = super()._arguments()
+        is_simple = self.focal is not None and not self.skew and self._distortion is None and not self.fov_deg
+        redundant = ("fx", "fy", "cx", "cy", "skew", "distortion") if is_simple else ("focal", "center")
+        for key in redundant:
+            arguments.pop(key, None)
+        return arguments
 
     def _meridian(self, r: Array) -> Meridian:
         distance = np.hypot(r, 1.0)

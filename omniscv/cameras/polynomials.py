@@ -95,12 +95,11 @@ class Scaramuzza(AffineLens):
         table = np.linspace(0.0, self._r_end, _CELLS)
         angles = np.maximum.accumulate(self._theta(table))
         cell = np.clip(np.searchsorted(angles, theta) - 1, 0, _CELLS - 2)
-        low, high = table[cell], table[cell + 1]
 
         def beyond(rho: Array, theta: Array) -> Array:
             return self._theta(rho) - theta
 
-        return increasing_root(beyond, low, high, theta)
+        return increasing_root(beyond, table[cell], table[cell + 1], theta)
 
 
 class AngleLens(FocalLens):
@@ -233,7 +232,8 @@ class FTheta(AffineLens):
             self._r_end = self._branch.last
         else:
             self._branch = Increasing(self.polynomial, 2 * corner)
-            self._r_end, self._theta_end = BEFORE_TURN * self._branch.end, min(self._branch.last, most)
+            self._r_end = BEFORE_TURN * self._branch.end
+            self._theta_end = min(self._branch.last, most)
             if self._branch.last > most:
                 self._r_end = float(self._branch.inverse(np.array(most)))
         self._set_domain(fov_deg)

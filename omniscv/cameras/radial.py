@@ -43,8 +43,11 @@ def rays_about_axis(
 ) -> tuple[Array, Array, Mask]:
     """Return unit directions (..., 3), heights z (...) where they leave the axis, and valid (...) of pixels.
 
-    ``find`` writes indices, radii and azimuths of the pixels in the domain and returns their number, see
-    ``camera_kernels.polar_within``; ``meridian`` has the rays of radii in the half-plane of their azimuth.
+    Args:
+        pixels: (..., 2) px.
+        find: writes indices, radii and azimuths of the pixels in the domain and returns their number, see
+            ``camera_kernels.polar_within``.
+        meridian: returns the rays of radii in the half-plane of their azimuth.
     """
     from omniscv.cameras import camera_kernels  # slow to load
 
@@ -56,9 +59,12 @@ def rays_about_axis(
     for start in range(0, len(flat), _BLOCK):
         block = slice(start, start + _BLOCK)
         count = find(flat[block], inside)
-        index, r, cos_a, sin_a = (array[:count] for array in inside)
-        across, along, z = meridian(r)
-        camera_kernels.turn(index, across, along, cos_a, sin_a, directions[block], valid[block])
+        index, r, cos_a, sin_a = inside
+        index = index[:count]
+        across, along, z = meridian(r[:count])
+        camera_kernels.turn(
+            index, across, along, cos_a[:count], sin_a[:count], directions[block], valid[block]
+        )
         heights[block][index] = z
     shape = pixels.shape[:-1]
     return directions.reshape(*shape, 3), heights.reshape(shape), valid.reshape(shape)
@@ -84,7 +90,8 @@ class CircleCamera(Camera):
         super().__init__(width, height, center)
         refuse_focal_and_fov(focal, fov_deg)
         circle = min(self.width, self.height) / 2
-        fov_deg = self._default_fov_deg if focal is None and fov_deg is None else fov_deg
+        if focal is None and fov_deg is None:
+            fov_deg = self._default_fov_deg
         if fov_deg is not None:
             self.focal = float(np.divide(circle, self._radius_of_fov(fov_deg)))
         else:
@@ -240,7 +247,8 @@ class FocalLens(Lens):
     ) -> None:
         """Set size, matrix and domain; a model's own parameters are set before."""
         super().__init__(width, height, cx, cy)
-        self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
+        self.fx = number("fx", fx, above=0)
+        self.fy = number("fy", fy, above=0)
         self.skew = number("skew", skew)
         self._A = np.array([[self.fx, self.fx * self.skew], [0.0, self.fy]])
         self._set_domain(fov_deg)

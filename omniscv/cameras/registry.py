@@ -29,8 +29,8 @@ def register(cls: type[C]) -> type[C]:
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise ArgumentError(f"{cls.__name__}: expected a class that implements {missing}, got one without")
     if _MODELS.setdefault(name, cls) is not cls:
-        got = f"{name!r} of {_MODELS[name].__module__}.{_MODELS[name].__qualname__}"
-        raise ArgumentError(f"{cls.__name__}.name: expected a name that no other model has, got {got}")
+        other = f"{name!r} of {_MODELS[name].__module__}.{_MODELS[name].__qualname__}"
+        raise ArgumentError(f"{cls.__name__}.name: expected a name that no other model has, got {other}")
     return cls
 
 
@@ -49,15 +49,23 @@ def model(name: str) -> type[Camera]:
 def create(
     name: str, /, width: int | None = None, height: int | None = None, **parameters: Parameter
 ) -> Camera:
-    """Return a camera by its model's name, image size in px, and the model's own parameters.
+    """Return a camera.
 
-    Only ``lidar`` has a size of its own where none is given.
+    Args:
+        name: of its model.
+        width: of the image, px; only ``lidar`` has one of its own where none is given.
+        height: of the image, px, likewise.
+        parameters: the model's own.
 
     Raises:
         ArgumentError: an unknown name, or a parameter that the model does not take, lacks or refuses.
     """
-    size = {"width": width, "height": height}
-    return _construct(name, {key: px for key, px in size.items() if px is not None} | parameters)
+    arguments: dict[str, Any] = {}
+    if width is not None:
+        arguments["width"] = width
+    if height is not None:
+        arguments["height"] = height
+    return _construct(name, arguments | parameters)
 
 
 def from_dict(data: Mapping[str, Any]) -> Camera:
@@ -68,23 +76,35 @@ def from_dict(data: Mapping[str, Any]) -> Camera:
     """
     if not isinstance(data, Mapping) or "model" not in data:
         raise ArgumentError(f"camera: expected a mapping with 'model' in it, got {shown(data)}")
-    return _construct(data["model"], {key: value for key, value in data.items() if key != "model"})
+    arguments = dict(data)
+    name = arguments.pop("model")
+    return _construct(name, arguments)
 
 
 def _construct(name: str, arguments: Mapping[str, Any]) -> Camera:
+    """Return the camera of a model; ArgumentError names parameters that are missing or unknown."""
     cls = model(name)
     signature = inspect.signature(cls)
     try:
         signature.bind(**arguments)
     except TypeError:
-        known = signature.parameters
-        needed = [key for key, parameter in known.items() if parameter.default is parameter.empty]
-        missing = [f"no {key}" for key in needed if key not in arguments]
-        unknown = [shown(key) for key in arguments if key not in known]
-        optional = [key for key in known if key not in needed]
-        expected = " and optionally ".join(", ".join(keys) for keys in (needed, optional) if keys)
-        advice = f"'omniscv cameras {name}' has an example"
-        raise ArgumentError(
-            f"camera {name}: expected {expected}; got {', '.join(missing + unknown)}; {advice}"
-        ) from None
+        raise ArgumentError(_other_parameters(name, signature, arguments)) from None
     return cls(**arguments)
+
+
+def _other_parameters(name: str, signature: inspect.Signature, arguments: Mapping[str, Any]) -> str:
+    """Return the message for arguments that a model does not take, or that it lacks."""
+    needed = []
+    optional = []
+    problems = []
+    for key, parameter in signature.parameters.items():
+        if parameter.default is not parameter.empty:
+            optional.append(key)
+            continue
+        needed.append(key)
+        if key not in arguments:
+            problems.append(f"no {key}")
+    problems += [shown(key) for key in arguments if key not in signature.parameters]
+    expected = " and optionally ".join(", ".join(keys) for keys in (needed, optional) if keys)
+    advice = f"'omniscv cameras {name}' has an example"
+    return f"camera {name}: expected {expected}; got {', '.join(problems)}; {advice}"

@@ -54,10 +54,15 @@ class RigCamera:
         roll_deg: float = 0.0,
         time_offset: float = 0.0,
     ) -> RigCamera:
-        """Return a camera turned from where the rig looks: to the left +, nose up +, right side down +.
+        """Return a camera turned from where the rig looks.
 
         Args:
+            camera: the model, or its description.
             position: (3,) in the rig's frame, metres.
+            yaw_deg: to the left +.
+            pitch_deg: nose up +.
+            roll_deg: right side down +.
+            time_offset: seconds by which the camera takes its image later than the rig's time.
         """
         R_rig_cam = R_LEVEL.T @ Pose.from_angles((0, 0, 0), yaw_deg, pitch_deg, roll_deg).rotation
         return cls(camera, Pose(position, R_rig_cam), time_offset)
@@ -113,9 +118,11 @@ class Rig:
             ArgumentError: the rig has no camera of that name.
         """
         T_cam_rig = self.cameras[one_of("camera", name, self.cameras)].pose.inverse()
-        poses = {other: T_cam_rig @ mounted.pose for other, mounted in self.cameras.items()}
-        poses[name] = ORIGIN
-        return Rig({other: replace(self.cameras[other], pose=pose) for other, pose in poses.items()})
+        mounts = {}
+        for other, mounted in self.cameras.items():
+            pose = ORIGIN if other == name else T_cam_rig @ mounted.pose
+            mounts[other] = replace(mounted, pose=pose)
+        return Rig(mounts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: what :meth:`from_dict` takes."""
@@ -160,6 +167,7 @@ def _mounted(name: str, value: object) -> RigCamera:
         if mount.rotation is None:
             angles_deg = mount.yaw_deg, mount.pitch_deg, mount.roll_deg
             return RigCamera.turned(mount.camera, mount.position, *angles_deg, mount.time_offset)
-        if angles := sorted({"yaw_deg", "pitch_deg", "roll_deg"} & data.keys()):
+        angles = sorted({"yaw_deg", "pitch_deg", "roll_deg"} & data.keys())
+        if angles:
             raise ArgumentError(f"rotation: expected it or angles, got both ({', '.join(angles)})")
         return RigCamera(mount.camera, Pose(mount.position, mount.rotation), mount.time_offset)

@@ -70,6 +70,11 @@ class RollingShutter(Camera):
         self.angular_velocity_deg = numbers("angular_velocity_deg", angular_velocity_deg, (3,))
         self.scan: Scan = one_of("scan", scan, get_args(Scan))
         self.path = None if path is None else numbers("path", path, (None, 8))
+        self._set_lines()
+        self._set_motion()
+
+    def _set_lines(self) -> None:
+        """Set the axis along which lines are read, their number, and what is special about their base."""
         self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
         self._backward = self.scan in ("bottom-to-top", "right-to-left")
         self._lines = self.height if self._axis == 1 else self.width
@@ -77,15 +82,21 @@ class RollingShutter(Camera):
         self._fires = self.base if isinstance(self.base, Lidar) and self._axis == 0 else None
         self._is_line = isinstance(self.base, PushBroom)
         if self._is_line and self._axis:
-            one_of("scan: of a push-broom", scan, ("left-to-right", "right-to-left"))
+            one_of("scan: of a push-broom", self.scan, ("left-to-right", "right-to-left"))
+
+    def _set_motion(self) -> None:
+        """Set the path in the frame of the camera at t = 0; ArgumentError for one that turns too far."""
         if self.path is None:
             velocities = *self.velocity, *np.radians(self.angular_velocity_deg)
-            ends = np.array([[0.0] * 7, [1.0, *velocities]])
-        elif self.has_velocity:
-            raise ArgumentError(f"path: expected it or velocities, got both ({self.velocity.tolist()})")
-        self._moved = CubicPath(ends if self.path is None else self.path)
-        turn_deg = math.degrees(self._moved.turn) * (1.0 if self.path is not None else self.readout)
-        name = "angular_velocity_deg" if self.path is None else "path"
+            self._moved = CubicPath(np.array([[0.0] * 7, [1.0, *velocities]]))
+            turn_deg = math.degrees(self._moved.turn) * self.readout
+            name = "angular_velocity_deg"
+        else:
+            if self.has_velocity:
+                raise ArgumentError(f"path: expected it or velocities, got both ({self.velocity.tolist()})")
+            self._moved = CubicPath(self.path)
+            turn_deg = math.degrees(self._moved.turn)
+            name = "path"
         number(f"{name}: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG)
         self._at_rest = not (self.readout and self._moved.moves)
 
@@ -111,21 +122,30 @@ class RollingShutter(Camera):
             ArgumentError: the camera has velocities, or the path does not last from the first line to the
                 last, or a step of it beyond.
         """
-        first_ns, last_ns = (time_ns + nanoseconds(part * self.readout) for part in self._span)
+        first, last = self._span
+        first_ns = time_ns + nanoseconds(first * self.readout)
+        last_ns = time_ns + nanoseconds(last * self.readout)
         path_rows = rows_along(path, time_ns, (first_ns, last_ns), mounted)
         return type(self)(**{**self._arguments(), "path": path_rows})
 
     def _arguments(self) -> dict[str, Any]:
         """Return the arguments; of the base without its size, and without a centre in the middle."""
-        middle = (self.base.center == (self.width / 2, self.height / 2)).all()
-        implied = {"width", "height", *(("center", "cx", "cy") if middle else ())}
-        base = {key: value for key, value in self.base.to_dict().items() if key not in implied}
+        base = self.base.to_dict()
+        implied = ["width", "height"]
+        if (self.base.center == (self.width / 2, self.height / 2)).all():
+            implied += ["center", "cx", "cy"]
+        for key in implied:
+            base.pop(key, None)
         return {**super()._arguments(), "base": base}
 
     def lines(self, first: float, last: float) -> ReadOutLines:
         """Return the camera of the lines that are read between two fractions of the read-out, 0 to 1.
 
-        ``last`` itself is excluded. Other pixels are not valid.
+        Pixels of other lines are not valid.
+
+        Args:
+            first: the least fraction.
+            last: the greatest one, which is excluded itself.
         """
         return ReadOutLines(first, last, **self._arguments())
 
@@ -230,7 +250,8 @@ class RollingShutter(Camera):
         before = self._late(points, np.full(len(points), begin))
         near = np.abs(before) <= _NEAR / intervals
         for k in range(intervals):
-            low, high = (begin + (end - begin) * i / intervals for i in (k, k + 1))
+            low = begin + (end - begin) * k / intervals
+            high = begin + (end - begin) * (k + 1) / intervals
             after = self._late(points, np.full(len(points), high))
             near |= np.abs(after) <= _NEAR / intervals
             # If the base sees the point at one end only, the point may be seen up to the border in between.
@@ -250,7 +271,8 @@ class RollingShutter(Camera):
         (Illinois) if the point is seen at both ends, else by bisection towards the border."""
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
-        left, right = (np.full(len(points), end) for end in ends)
+        left = np.full(len(points), ends[0])
+        right = np.full(len(points), ends[1])
         late_left = late[0].copy()
         late_right = late[1].copy()
         pending = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
@@ -269,7 +291,8 @@ class RollingShutter(Camera):
             first = np.where(np.isnan(fa) | np.isnan(fb), np.isnan(value) == np.isnan(fb), value * fa < 0)
             fixed_end = np.where(first, -1.0, 1.0)
             half = np.where(fixed[pending] == fixed_end, 0.5, 1.0)
-            left[pending], right[pending] = np.where(first, a, at), np.where(first, at, b)
+            left[pending] = np.where(first, a, at)
+            right[pending] = np.where(first, at, b)
             late_left[pending] = np.where(first, fa * half, value)
             late_right[pending] = np.where(first, value, fb * half)
             root[pending] = at
@@ -283,7 +306,8 @@ class ReadOutLines(RollingShutter):
     """Some lines of a rolling-shutter camera, for a world that moves during the read-out.
 
     Args:
-        first, last: fractions of the read-out; ``last`` itself is excluded.
+        first: the least fraction of the read-out.
+        last: the greatest one, which is excluded itself.
         shutter: arguments of the whole camera.
     """
 
@@ -324,7 +348,8 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
         description = base.to_dict() if isinstance(base, Camera) else base
         if not isinstance(description, Mapping) or "model" not in description:
             raise ArgumentError(f"expected a camera or a mapping with 'model' in it, got {shown(base)}")
-        if not issubclass(kind := model(description["model"]), Lidar | PushBroom) and not kind.central:
+        base_model = model(description["model"])
+        if not issubclass(base_model, Lidar | PushBroom) and not base_model.central:
             raise ArgumentError(f"expected a central camera or a lidar, got {description['model']}")
         camera = from_dict({"width": width, "height": height, **description})
         if isinstance(camera, PushBroom) and not camera.readout:
@@ -349,13 +374,22 @@ def as_shutter(camera: Camera) -> RollingShutter:
 
 
 def on_path(camera: Camera, path: Trajectory, time_ns: int, mounted: Pose) -> Camera:
-    """Return a camera as it moves along a path while its lines are read, see :meth:`RollingShutter.on`;
-    itself if all of its image is of one instant."""
-    return as_shutter(camera).on(path, time_ns, mounted) if nanoseconds(readout_of(camera)) else camera
+    """Return a camera as it moves along a path while its lines are read, see :meth:`RollingShutter.on`.
+
+    Args:
+        camera: returned as it is if all of its image is of one instant.
+        path: of the rig.
+        time_ns: of the image, whole nanoseconds: its first line's.
+        mounted: the camera on the rig, ``T_rig_cam``.
+    """
+    if not nanoseconds(readout_of(camera)):
+        return camera
+    return as_shutter(camera).on(path, time_ns, mounted)
 
 
 def with_path(camera: Camera, path: object) -> Camera:
-    """Return a camera that moves along the rows of a path, see :class:`RollingShutter`; itself without."""
+    """Return a camera that moves along the rows of a path, see :class:`RollingShutter`; itself if ``path`` is
+    None."""
     return camera if path is None else from_dict({**as_shutter(camera).to_dict(), "path": path})
 
 

@@ -248,7 +248,8 @@ def _to_first_sphere(across: Array, along: Array, xi: float) -> Array:
     less = (1 - xi) * (1 + xi)
     distance = np.sqrt(along * along + less * across * across)
     # Two forms: each is free of cancellation on its side.
-    near, far = less / (distance - along * xi), (along * xi + distance) / (along * along + across * across)
+    near = less / (distance - along * xi)
+    far = (along * xi + distance) / (along * along + across * across)
     return np.where(along * xi < 0, near, far)
 
 
@@ -256,7 +257,8 @@ def _sum(xi: float, across: Array, along: Array) -> Array:
     """Return xi + along, without cancellation for rays far back and xi near 1, or ahead and xi near -1."""
     back = (xi - 1) + across * across / (1 - along)
     ahead = (xi + 1) - across * across / (1 + along)
-    return np.where(along < -0.5, back, np.where(along > 0.5, ahead, xi + along))
+    middle = np.where(along > 0.5, ahead, xi + along)
+    return np.where(along < -0.5, back, middle)
 
 
 def _over(across: Array, n: Array) -> Array:
