@@ -3,11 +3,14 @@
 Planner and composition take what is developed as captured, of a live source and of its recording alike.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,22 @@ from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.sources.recorded_views import RecordedViews
 
 _SAME = 1e-6  # entries of rotations
+
+
+class _Waiting(NamedTuple):
+    """A request that waits for captures.
+
+    Attributes:
+        request: the request.
+        cube: the requests of the cube that it is a face of; else none.
+        captures: what was captured at its centre.
+        new: what must be captured for it, in this order.
+    """
+
+    request: Request
+    cube: list[Request]
+    captures: dict[Request, Capture]
+    new: list[Request]
 
 
 class Developed(SourceWrapper):
@@ -45,68 +64,84 @@ class Developed(SourceWrapper):
         if self._options.seams == "keep":
             yield from map(self._alone, self._source.capture(requests))
             return
-        # By request: those of its cube, what was captured of its place, and what is asked for now.
-        asked: deque[tuple[Request, list[Request], dict[Request, Capture], list[Request]]] = deque()
-
-        def needed() -> Iterator[Request]:
-            for _, at in groupby(requests, lambda request: request.view.key().position):
-                here = list(at)
-                place = dict[Request, Capture]()
-                claimed = set[Request]()
-                for request in here:
-                    cube = self._cube(request, here)
-                    new = [each for each in dict.fromkeys((request, *cube)) if each not in claimed]
-                    claimed.update(new)
-                    asked.append((request, cube, place, new))
-                    yield from new
-
-        arriving = self._source.capture(needed())
-        ahead = None
-        while asked or (ahead := next(arriving, None)) is not None or asked:
-            request, cube, place, new = asked.popleft()
-            for each in new:
+        waiting: deque[_Waiting] = deque()
+        arriving = self._source.capture(self._needed(requests, waiting))
+        ahead: Capture | None = None  # of the next new request, read to know whether there is one
+        while True:
+            if not waiting:
+                ahead = next(arriving, None)  # adds to those that wait
+            if not waiting:
+                return
+            request, cube, captures, new = waiting.popleft()
+            for new_request in new:
                 capture = ahead or next(arriving, None)
                 ahead = None
                 if capture is None:
                     return
-                place[each] = self._alone(capture)
-            if request.mode == "lit" and "relit" not in place[request].marks and not request.again:
-                self._mend(place, cube or [request])
-            yield place[request]
+                captures[new_request] = self._alone(capture)
+            if request.mode == "lit" and "relit" not in captures[request].marks and not request.again:
+                self._mend(captures, cube or [request])
+            yield captures[request]
+
+    def _needed(self, requests: Iterable[Request], waiting: deque[_Waiting]) -> Iterator[Request]:
+        """Yield what must be captured for requests, which are added to those that wait."""
+        for _, group in groupby(requests, lambda request: request.view.key().position):
+            here = list(group)
+            captures: dict[Request, Capture] = {}
+            claimed: set[Request] = set()
+            for request in here:
+                cube = self._cube(request, here)
+                new = [needed for needed in dict.fromkeys((request, *cube)) if needed not in claimed]
+                claimed.update(new)
+                waiting.append(_Waiting(request, cube, captures, new))
+                yield from new
 
     def _cube(self, request: Request, here: Sequence[Request]) -> list[Request]:
         """Return the six faces of the cube that a capture of colours is one of, then their masks; else none.
 
         Masks of a recording count if it has them, those of a live source if they are requested, too.
         """
-        view = request.view
+        if request.mode != "lit" or request.again:
+            return []
+        six = self._faces_around(request.view)
+        if request.view not in six or any(len(self._source.cover(face)) > 1 for face in six):
+            return []
         scale = self._options.truth_scale
-        sees_a_face = view.width == view.height and view.focal_px <= view.width / 2 * (1 + _SAME)
-        if request.mode != "lit" or request.again or view.lens or not sees_a_face:
-            return []
-        six = tuple(replace(view, pose=Pose(view.pose.t_w_c, R_w_c)) for _, R_w_c in cube_rotations())
-        if self._recorded is not None:
-            six = self._recorded.faces(view.pose.t_w_c, six, scale)
-        if view not in six or any(len(self._source.cover(face)) > 1 for face in six):
-            return []
-        faces = [replace(request, view=face) for face in six]
-        masks = [Request(face.scaled(scale), "object_mask", request.state) for face in six]
-        known = self._recorded_masks.issuperset(mask.view for mask in masks) or set(here).issuperset(masks)
-        return faces + masks if known else faces
+        faces = []
+        masks = []
+        for face in six:
+            faces.append(replace(request, view=face))
+            masks.append(Request(face.scaled(scale), "object_mask", request.state))
+        if self._recorded_masks.issuperset(mask.view for mask in masks) or set(here).issuperset(masks):
+            return faces + masks
+        return faces
 
-    def _mend(self, place: dict[Request, Capture], requests: Sequence[Request]) -> None:
+    def _faces_around(self, view: View) -> tuple[View, ...]:
+        """Return the six faces of the cube around a view's centre; none if it shows less than a face."""
+        sees_a_face = view.width == view.height and view.focal_px <= view.width / 2 * (1 + _SAME)
+        if view.lens or not sees_a_face:
+            return ()
+        center_w = view.pose.t_w_c
+        six = tuple(replace(view, pose=Pose(center_w, R_w_c)) for _, R_w_c in cube_rotations())
+        if self._recorded is None:
+            return six
+        return self._recorded.faces(center_w, six, self._options.truth_scale)
+
+    def _mend(self, captures: dict[Request, Capture], requests: Sequence[Request]) -> None:
         """Replace captures of colours by mended ones, with their masks among the captures."""
-        faces = [place[request] for request in requests if request.mode == "lit"]
-        masks = [place[request].pixels for request in requests if request.mode != "lit"]
+        faces = [captures[request] for request in requests if request.mode == "lit"]
+        masks = [captures[request].pixels for request in requests if request.mode != "lit"]
         views = [face.view for face in faces]
         pixels = [face.pixels for face in faces]
         transfer = self._source.capabilities.transfer
         mended = mend(views, pixels, self._options.seams, transfer, masks, self._vignette)
         for face, colors, relit in zip(faces, mended.pixels, mended.relit, strict=True):
-            provenance = {**face.provenance, "seams": mended.report}
-            mark = {"relit": relit}
-            place[face.request] = replace(
-                face, pixels=colors, payload=None, marks=mark, provenance=provenance
+            captures[face.request] = replace(
+                face,
+                pixels=colors,
+                payload=None,
+                marks={"relit": relit},
+                provenance={**face.provenance, "seams": mended.report},
             )
 
     def _alone(self, capture: Capture) -> Capture:
@@ -115,7 +150,10 @@ class Developed(SourceWrapper):
         if capture.mode != "object_mask" or not self._options.sky:
             return capture
         table = self._source.objects()
-        labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
+        if capture.pixels.ndim == 2:
+            labels, _ = labels_of_ids(capture.pixels, table)
+        else:
+            labels, _ = labels_of(capture.pixels, table)
         sky = stands_for_sky(labels, table, self._options)
         return replace(capture, marks={"sky": np.where(sky, np.uint8(255), np.uint8(0))})
 
@@ -124,14 +162,14 @@ class Developed(SourceWrapper):
         if not self._options.straighten or self._recorded is None:
             return capture
         center_w = capture.view.pose.t_w_c
-        R_w_c = capture.view.pose.R_w_c
-        if (at := center_w.tobytes()) not in self._turns:
+        key = center_w.tobytes()
+        if key not in self._turns:
             cube = Cube.recorded(self._source, center_w, capture.request.state)
-            turns = {} if cube is None else proven_turns(cube)
-            views = () if cube is None else cube.views
-            self._turns[at] = [(views[face].pose.R_w_c, turn) for face, turn in turns.items()]
-        turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
-        return capture if turn is None else straightened(capture, turn)
+            self._turns[key] = [] if cube is None else _turned_faces(cube)
+        for R_w_c, turn in self._turns[key]:
+            if np.abs(R_w_c - capture.view.pose.R_w_c).max() < _SAME:
+                return straightened(capture, turn)
+        return capture
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:
@@ -139,8 +177,9 @@ class Developed(SourceWrapper):
 
     @cached_property
     def _recorded_masks(self) -> frozenset[View]:
-        modes = self._source.capabilities.modes
-        return frozenset(self._source.recorded_in("object_mask") if "object_mask" in modes else ())
+        if "object_mask" not in self._source.capabilities.modes:
+            return frozenset()
+        return frozenset(self._source.recorded_in("object_mask"))
 
     @cached_property
     def _turns(self) -> dict[bytes, list[tuple[Array, Array]]]:
@@ -153,21 +192,37 @@ class Developed(SourceWrapper):
         transfer = self._source.capabilities.transfer
         if self._recorded is None or transfer == "unknown":
             return None
-        centers = self._recorded.centers()
-        some = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
-        places = (np.array(centers[i]) for i in some)
-        cubes = (Cube.recorded(self._source, at, self._source.state) for at in places)
-        return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
+        return pooled_vignette(self._pooled_cubes(self._recorded.centers()), transfer)
+
+    def _pooled_cubes(self, centers: Sequence[Sequence[float]]) -> Iterator[Cube]:
+        """Yield the cubes at some of a recording's centres, spread evenly over their order."""
+        chosen = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
+        for index in chosen:
+            cube = Cube.recorded(self._source, np.array(centers[index]), self._source.state)
+            if cube is not None:
+                yield cube
+
+
+def _turned_faces(cube: Cube) -> list[tuple[Array, Array]]:
+    """Return the rotations ``R_w_c`` of faces that are turned, and by which rotation vector."""
+    turned = []
+    for face, turn in proven_turns(cube).items():
+        turned.append((cube.views[face].pose.R_w_c, turn))
+    return turned
 
 
 def stands_for_sky(labels: NDArray[np.uint16], table: ObjectTable, options: RenderOptions) -> Mask:
-    """Return (...) whether labels (...) are of objects that stand for the sky; ArgumentError for an unknown
-    name."""
+    """Return (...) whether ``labels`` (...) of a ``table`` are of objects that stand for the sky.
+
+    Raises:
+        ArgumentError: the ``options`` name an object that the table lacks.
+    """
     known_objects(options.sky, table.names(), "sky")
     return np.isin(labels, [table.label(name) for name in options.sky])
 
 
 def develop(source: Source, options: RenderOptions) -> Source:
     """Return a source whose captures are developed; the source itself where options ask for nothing."""
-    asked = options.seams != "keep" or options.straighten or options.sky
-    return Developed(source, options) if asked else source
+    if options.seams != "keep" or options.straighten or options.sky:
+        return Developed(source, options)
+    return source

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,9 +44,12 @@ class Cube:
     def of(
         cls, views: Sequence[View], pixels: Sequence[NDArray[Any]], masks: Sequence[NDArray[Any]] = ()
     ) -> Cube | None:
-        """Return the cube that views, their pixels and object masks are; None for other views and floats.
+        """Return the cube that views are; None for other views, or pixels of another type than uint8.
 
-        Masks, (h, w) ids or (h, w, 3) colours, may have other sizes than colours; they show the same views.
+        Args:
+            views: of the six faces, in any order.
+            pixels: (h, w, 3) of each.
+            masks: of each, (h, w) ids or (h, w, 3) colours; they may have other sizes than colours.
         """
         alike = {(view.width, view.height, round(view.fov_deg, 3), view.lens) for view in views}
         if len(views) != 6 or len(alike) > 1 or any(picture.dtype != np.uint8 for picture in pixels):
@@ -57,21 +61,29 @@ class Cube:
         inner = slice(border, border + size)
         faces = tuple(View(view.pose, 90, size, size) for view in views)
         labels = np.zeros((6, size, size), np.int64)
-        for of_face, mask in zip(labels, masks, strict=False):
+        for labels_of_face, mask in zip(labels, masks, strict=False):
             rows = (np.arange(border, border + size) + 0.5) * len(mask) // views[0].width
             colors = np.atleast_3d(mask)[np.ix_(rows.astype(int), rows.astype(int))].astype(np.int64)
-            of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
+            labels_of_face[:] = colors @ (1 << 16 * np.arange(colors.shape[-1]))
         cube = cls(faces, np.stack([picture[inner, inner] for picture in pixels]), border, labels)
         return cube if len(cube.edges) == 12 else None
 
     @classmethod
     def recorded(cls, source: Source, center_w: Array, state: str = "") -> Cube | None:
-        """Return the colours of a recording's source at an optical centre; None where they are no cube."""
-        six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
-        if (views := source.recorded()) is None:
+        """Return the colours of a recording's source at an optical centre; None where they are no cube.
+
+        Args:
+            source: of a recording; None is returned for a live one.
+            center_w: (3,) the centre, metres, world frame.
+            state: of the world.
+        """
+        views = source.recorded()
+        if views is None:
             return None
+        six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
+        requests = [Request(view, "lit", state) for view in views.faces(center_w, six)]
         try:
-            faces = list(source.capture(Request(view, "lit", state) for view in views.faces(center_w, six)))
+            faces = list(source.capture(requests))
         except MissingCaptureError:  # recorded in other modes only
             return None
         return cls.of([capture.view for capture in faces], [capture.pixels for capture in faces])
@@ -84,28 +96,27 @@ class Cube:
     @cached_property
     def edges(self) -> tuple[Edge, ...]:
         """The edges at which two faces meet: twelve."""
-        middles = [
-            (face, side, view.pose.R_w_c @ np.add(SIDES[side], (0, 0, 1)))
-            for face, view in enumerate(self.views)
-            for side in range(4)
-        ]
-        return tuple(
-            Edge(a, i, b, j)
-            for k, (a, i, p) in enumerate(middles)
-            for b, j, q in middles[k + 1 :]
-            if a != b and np.abs(p - q).max() < _SAME
-        )
+        sides = []
+        for face, view in enumerate(self.views):
+            for side in range(4):
+                middle_w = view.pose.R_w_c @ np.add(SIDES[side], (0, 0, 1))
+                sides.append((face, side, middle_w))
+        edges = []
+        for (a, side_a, middle_a), (b, side_b, middle_b) in combinations(sides, 2):
+            if a != b and np.abs(middle_a - middle_b).max() < _SAME:
+                edges.append(Edge(a, side_a, b, side_b))
+        return tuple(edges)
 
     def lines(self, edge: Edge, depth: int = 2) -> tuple[Array, Array]:
         """Return (depth, s, 3) rows of both faces, the outermost first, in the same order along the edge."""
-        faces = (edge.a, edge.side_a), (edge.b, edge.side_b)
-        a, b = (np.rot90(self.pixels[face], side)[:depth].astype(np.float64) for face, side in faces)
+        a = np.rot90(self.pixels[edge.a], edge.side_a)[:depth].astype(np.float64)
+        b = np.rot90(self.pixels[edge.b], edge.side_b)[:depth].astype(np.float64)
         return a, b[:, ::-1]
 
     def at_edge(self, edge: Edge) -> tuple[Array, Array]:
         """Return (s, 3) colours of both faces on the edge itself, extrapolated from two rows."""
-        a, b = (1.5 * lines[0] - 0.5 * lines[1] for lines in self.lines(edge))
-        return a, b
+        a, b = self.lines(edge)
+        return 1.5 * a[0] - 0.5 * a[1], 1.5 * b[0] - 0.5 * b[1]
 
     def continuous(self, edge: Edge) -> NDArray[np.bool_]:
         """Return (s,) where both faces show one object, in the order of :meth:`lines`."""
@@ -117,7 +128,10 @@ class Cube:
         """Return (12,) steps across the edges, less what pixels beside them differ by; none at outlines."""
         steps = []
         for edge in self.edges:
-            a, b = (lines[:, self.continuous(edge)] for lines in self.lines(edge))
+            continuous = self.continuous(edge)
+            a, b = self.lines(edge)
+            a = a[:, continuous]
+            b = b[:, continuous]
             inside = np.abs(a[0] - a[1]) / 2 + np.abs(b[0] - b[1]) / 2
             steps.append((np.abs(a[0] - b[0]) - inside).mean() if inside.size else 0.0)
         return np.array(steps)

@@ -25,18 +25,18 @@ from omniscv.sources.developing.cube import Cube, Edge
 from omniscv.sources.developing.slips import shifts_of
 
 _BLOCKS = 64  # of an edge, for gains
-_CODES = 10, 245  # beyond, pictures are too dark, or clipped
-_SCALES = 1.0, 0.3, 0.1, 0.05, 0.03, 0.02  # of residuals of gains, lowered step by step
+_CODES = (10, 245)  # beyond, pictures are too dark, or clipped
+_SCALES = (1.0, 0.3, 0.1, 0.05, 0.03, 0.02)  # of residuals of gains, lowered step by step
 _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
-# the least that gains explain, and by which one differs from 1
-_EXPLAINED = 0.3
-_GAIN = 0.01
-# beyond, faces are of several places or instants
-_FEWEST_EDGES = 4
-_MOST_SHIFT_PX = 2.0
+# Gains are applied:
+_EXPLAINED = 0.3  # if they explain more than this share of the steps
+_GAIN = 0.01  # if a gain differs from 1 by more
+_GAINS = (0.25, 4.0)  # if all lie between these
+# Faces are of several places or instants if texture moves:
+_FEWEST_EDGES = 4  # on so many edges
+_MOST_SHIFT_PX = 2.0  # by more
 _FEWEST_OF_FACE = 2  # edges that show a face's gain
 _CLIPPED = 1e-3  # share of the pixels
-_GAINS = 0.25, 4.0
 _SPARSE = 4  # one of so many pixels tells how large changes are
 _SAMPLES = 128  # of an overlap, along an edge
 _RESIDUAL = 0.03  # of the logarithm, counts as unexplained
@@ -46,9 +46,9 @@ _REACH = 0.1  # face widths within which a correction falls to 1/e
 _OUTLINE = 12.0  # levels between cells at which a correction stops
 _COUPLING = 20.0
 _SURE = 1.5  # steps within so many of their standard errors are texture
-# of what the cells leave, along the edge and into the face
-_SMOOTH_PX = 8
-_FADE_PX = 16
+# What the cells leave of a step is
+_SMOOTH_PX = 8  # smoothed along the edge, and
+_FADE_PX = 16  # faded out into the face.
 _OVERLAP = 1 / 32  # of a face beyond each side, from which faces fade into each other
 
 
@@ -71,14 +71,18 @@ class Gains(NamedTuple):
 
 
 def estimate_gains(cube: Cube, transfer: str) -> Gains:
-    """Return the gains of the faces in linear light, by a robust fit to the logarithms along the edges."""
+    """Return the gains of the faces of a ``cube``, by a robust fit to the logarithms of light along edges.
+
+    ``transfer`` is what its codes say of light.
+    """
     rows = []
     differences = []
     for edge in cube.edges:
         a, b = cube.at_edge(edge)
         usable = np.all((np.minimum(a, b) > _CODES[0]) & (np.maximum(a, b) < _CODES[1]), axis=-1)
         usable &= cube.continuous(edge)
-        light_a, light_b = (light_of_codes(np.clip(codes, 1, 255), transfer) for codes in (a, b))
+        light_a = light_of_codes(np.clip(a, 1, 255), transfer)
+        light_b = light_of_codes(np.clip(b, 1, 255), transfer)
         ratio = np.log(light_a / light_b).mean(axis=-1)
         for block in np.array_split(np.arange(len(ratio)), min(_BLOCKS, len(ratio))):
             ratios = ratio[block[usable[block]]]
@@ -89,24 +93,30 @@ def estimate_gains(cube: Cube, transfer: str) -> Gains:
 
 
 def estimate_in_overlap(views: Sequence[View], pixels: NDArray[np.uint8], transfer: str) -> Gains:
-    """Return gains and vignette of faces (6, h, h, 3) wider than 90 degrees, by rays that two of them see."""
+    """Return gains and vignette of faces wider than 90 degrees, by rays that two of them see.
+
+    Args:
+        views: of the six faces.
+        pixels: (6, h, h, 3) of them.
+        transfer: what their codes say of light.
+    """
     rows = []
     differences = []
     squared_radii = []
     every = max(1, pixels.shape[1] // _SAMPLES)
+    samples = np.s_[::every, ::every]
     radii = _squared_radii(pixels.shape[1])
     for a, b, band, at_px, weight in _overlaps(views):
-        some = np.s_[::every, ::every]
-        at = np.rint(at_px[some]).astype(int)
-        here = pixels[a][band][some]
+        at = np.rint(at_px[samples]).astype(int)
+        here = pixels[a][band][samples]
         x, y = np.moveaxis(np.clip(at, 0, pixels.shape[1] - 1), -1, 0)
         there = pixels[b][y, x]
         clear = (np.minimum(here, there) > _CODES[0]) & (np.maximum(here, there) < _CODES[1])
-        usable = (weight[some] > 0) & clear.all(axis=-1)
+        usable = (weight[samples] > 0) & clear.all(axis=-1)
         ratio = np.log(light_of_codes(here[usable], transfer) / light_of_codes(there[usable], transfer))
         differences.append(ratio.mean(axis=-1))
         rows.append(np.broadcast_to((a, b), (usable.sum(), 2)))
-        squared_radii.append(np.stack([radii[band][some][usable], radii[y, x][usable]], axis=1))
+        squared_radii.append(np.stack([radii[band][samples][usable], radii[y, x][usable]], axis=1))
     return _fit(np.concatenate(rows), np.concatenate(differences), np.concatenate(squared_radii))
 
 
@@ -127,11 +137,16 @@ def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
             off = y + J @ x
             weighted = J * (1 / (1 + (off / scale) ** 2) ** 2)[:, None]
             x -= np.linalg.solve(weighted.T @ J + prior, weighted.T @ off + prior @ x)
-    before, left = (np.minimum((off / _RESIDUAL) ** 2, 1).sum() for off in (y, y + J @ x))
-    explained = float(1 - left / before) if before > 0 else 0.0
+    before = _unexplained(y)
+    explained = float(1 - _unexplained(y + J @ x) / before) if before > 0 else 0.0
     gains = Gains(np.exp(x[:6] - x[:6].mean()), explained, False, (float(x[6]), float(x[7])))
     changes = max(np.abs(gains.gains - 1).max(), abs(gains.lost)) > _GAIN
     return gains._replace(proven=bool(explained > _EXPLAINED and changes))
+
+
+def _unexplained(residuals: Array) -> float:
+    """Return the number of residuals that count as unexplained; smaller ones count in part."""
+    return float(np.minimum((residuals / _RESIDUAL) ** 2, 1).sum())
 
 
 def _squared_radii(size: int) -> Array:
@@ -141,9 +156,12 @@ def _squared_radii(size: int) -> Array:
 
 
 def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArray[np.uint8]:
-    """Return (6, s, s, 3) pixels without vignette, their light times gains of faces, lowered if many clip."""
-    u = _squared_radii(pixels.shape[1])[..., None]
-    factor = np.exp(gains.vignette[0] * u + gains.vignette[1] * u**2)
+    """Return ``pixels`` (6, s, s, 3) without vignette, their light times ``gains``, lowered if many clip.
+
+    ``transfer`` is what the codes say of light.
+    """
+    squared_radii = _squared_radii(pixels.shape[1])[..., None]
+    factor = np.exp(gains.vignette[0] * squared_radii + gains.vignette[1] * squared_radii**2)
     light = decode(pixels, transfer) * (gains.gains[:, None, None, None] * factor).astype(np.float32)
     white = decode(np.full(1, 255, np.uint8), transfer)[0]
     if (light > white).mean() > _CLIPPED:
@@ -188,38 +206,70 @@ def mend(
     if len(shifts) >= _FEWEST_EDGES and np.median(shifts) > _MOST_SHIFT_PX:
         moved = f"texture that moves by {np.median(shifts):.1f} px at edges"
         return _refused(pixels, f"expected faces of one place and instant, got {moved}")
-    fades = cube.border >= _OVERLAP * cube.pixels.shape[1]
     colors = np.stack(pixels)
-    gains = estimate_in_overlap(views, colors, transfer) if fades else estimate_gains(cube, transfer)
-    if vignette and not fades:
-        factors = gains.gains if gains.proven else np.ones(6)
-        gains = gains._replace(gains=factors, vignette=vignette, proven=True)
-    known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
+    gains = _gains_of(cube, views, colors, transfer, vignette)
+    in_range = _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
-    if gains.proven and known:
+    removed_vignette = False
+    if gains.proven and in_range and transfer != "unknown":
         colors = apply_gains(colors, gains, transfer)
         report |= {"gains": gains.gains.round(4).tolist(), "vignette": round(gains.lost, 4)}
+        removed_vignette = abs(gains.lost) > _GAIN
     elif method == "gains":
         why = f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}"
         return _refused(pixels, why, report)
-    border = cube.border
-    if method == "close" and fades:
-        report["faded_px"] = border
-        colors = cross_fade(views, colors)
-    elif method == "close":
-        inner = cube.recolored(colors)
-        change = close(inner) - inner.pixels.astype(np.int16)
-        wide = np.pad(change, ((0, 0), (border, border), (border, border), (0, 0)), mode="edge")
-        colors = np.clip(colors + wide, 0, 255).astype(np.uint8)
-    mended = cube.recolored(colors)
-    evened = "gains" in report and abs(gains.lost) > _GAIN  # a vignette has no step at an edge
-    if not evened and np.abs(mended.steps()).mean() > np.abs(cube.steps()).mean():
+    if method == "close":
+        if _is_wide(cube):
+            report["faded_px"] = cube.border
+            colors = cross_fade(views, colors)
+        else:
+            colors = _with_closed_seams(cube, colors)
+    steps = cube.recolored(colors).steps()
+    # A vignette has no step at an edge, so removing one need not make steps smaller.
+    if not removed_vignette and np.abs(steps).mean() > np.abs(cube.steps()).mean():
         return _refused(pixels, "expected smaller steps, got larger ones", report)
+    return _mended(pixels, colors, {**report, "steps_after": _in_numbers(steps)})
+
+
+def _mended(pixels: Sequence[NDArray[Any]], colors: NDArray[np.uint8], report: dict[str, Any]) -> Mended:
+    """Return mended colours (6, h, h, 3) with what has changed of the pixels as captured."""
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))
-    report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
+    report["mean_change"] = float(change.mean())
     report["change_p99"] = float(np.quantile(change[:, ::_SPARSE, ::_SPARSE], 0.99))
     colors.flags.writeable = False
-    return Mended(tuple(colors), tuple(np.where(change.any(axis=-1), np.uint8(255), np.uint8(0))), report)
+    relit = np.where(change.any(axis=-1), np.uint8(255), np.uint8(0))
+    return Mended(tuple(colors), tuple(relit), report)
+
+
+def _is_wide(cube: Cube) -> bool:
+    """Return whether faces were captured with enough overscan to fade into each other."""
+    return bool(cube.border >= _OVERLAP * cube.pixels.shape[1])
+
+
+def _gains_of(
+    cube: Cube,
+    views: Sequence[View],
+    colors: NDArray[np.uint8],
+    transfer: str,
+    vignette: tuple[float, float] | None,
+) -> Gains:
+    """Return the gains of faces (6, h, h, 3), with the camera's vignette where they do not show it."""
+    if _is_wide(cube):
+        return estimate_in_overlap(views, colors, transfer)
+    gains = estimate_gains(cube, transfer)
+    if not vignette:
+        return gains
+    factors = gains.gains if gains.proven else np.ones(6)
+    return gains._replace(gains=factors, vignette=vignette, proven=True)
+
+
+def _with_closed_seams(cube: Cube, colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return (6, h, h, 3) colours of a cube whose seams are closed; its border changes as the edges do."""
+    inner = cube.recolored(colors)
+    change = close(inner) - inner.pixels.astype(np.int16)
+    border = (cube.border, cube.border)
+    wide = np.pad(change, ((0, 0), border, border, (0, 0)), mode="edge")
+    return np.asarray(np.clip(colors + wide, 0, 255), np.uint8)
 
 
 def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | None = None) -> Mended:
@@ -229,8 +279,11 @@ def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | 
 
 def _in_numbers(steps: Array) -> dict[str, float]:
     """Median, 90th percentile and largest of steps, levels."""
-    quantiles = {"median": np.median(steps), "p90": np.quantile(steps, 0.9), "worst": steps.max()}
-    return {name: float(step) for name, step in quantiles.items()}
+    return {
+        "median": float(np.median(steps)),
+        "p90": float(np.quantile(steps, 0.9)),
+        "worst": float(steps.max()),
+    }
 
 
 def close(cube: Cube) -> NDArray[np.uint8]:
@@ -239,8 +292,9 @@ def close(cube: Cube) -> NDArray[np.uint8]:
 
     size = cube.pixels.shape[1]
     cells = min(_CELLS, size)
-    membrane = _membrane(cube, cells)
-    smooth = [cv2.resize(face, (size, size), interpolation=cv2.INTER_LINEAR) for face in membrane]
+    smooth = []
+    for face in _membrane(cube, cells):
+        smooth.append(cv2.resize(face, (size, size), interpolation=cv2.INTER_LINEAR))
     corrected = cube.pixels + np.stack(smooth)
     fade = np.clip(1 - np.arange(min(_FADE_PX, size // 2)) / _FADE_PX, 0, 1)[:, None, None] ** 2
     left = np.zeros_like(corrected)
@@ -252,7 +306,7 @@ def close(cube: Cube) -> NDArray[np.uint8]:
 
 
 def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return pixels (6, h, h, 3) of faces wider than 90 degrees that fade into each other."""
+    """Return ``pixels`` (6, h, h, 3) of six ``views`` wider than 90 degrees that fade into each other."""
     import cv2
 
     half = views[0].width / 2
@@ -296,24 +350,8 @@ def _overlaps(
 
 def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
     """(6, cells, cells, 3) the correction of least ``w |grad u|^2 + m (u_a - u_b + D)^2 + u^2 / l^2``."""
-    import cv2
-    from scipy.sparse import coo_array, csc_array, diags_array
-    from scipy.sparse.linalg import splu
-
-    size = (cells, cells)
-    area = cv2.INTER_AREA
-    means = np.stack([cv2.resize(face.astype(np.float32), size, interpolation=area) for face in cube.pixels])
     index = np.arange(6 * cells * cells).reshape(6, cells, cells)
-    middles = ((np.arange(cells) + 0.5) * cube.pixels.shape[1] / cells).astype(int)
-    labels = cube.labels[:, middles[:, None], middles]
-    pairs = list[NDArray[np.int64]]()
-    weights = list[Array]()
-    for axis in (1, 2):
-        first, second = (np.take(index, np.arange(s, cells - 1 + s), axis=axis).ravel() for s in (0, 1))
-        change = np.abs(np.diff(means, axis=axis)).max(axis=-1).ravel()
-        pairs.append(np.stack([first, second]))
-        alike = np.diff(labels, axis=axis).ravel() == 0
-        weights.append(alike / (1 + (change / _OUTLINE) ** 2))
+    pairs, weights = _within_faces(cube, index)
     pull = np.zeros((index.size, 3))
     for edge in cube.edges:
         a = np.rot90(index[edge.a], edge.side_a)[0]
@@ -323,33 +361,72 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
         weights.append(_COUPLING * share)
         np.add.at(pull, a, -_COUPLING * share[:, None] * step)
         np.add.at(pull, b, _COUPLING * share[:, None] * step)
-    (i, j) = np.concatenate(pairs, axis=1)
-    w = np.concatenate(weights)
-    off = coo_array((-w, (i, j)), (index.size, index.size)).tocsr()
+    membrane = _solve(np.concatenate(pairs, axis=1), np.concatenate(weights), pull, cells)
+    return np.asarray(membrane, np.float32).reshape(6, cells, cells, 3)
+
+
+def _within_faces(
+    cube: Cube, index: NDArray[np.int64]
+) -> tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]]:
+    """Return pairs (2, n) of cells that are neighbours in a face, across and down, and their weights (n,).
+
+    ``index`` (6, cells, cells) are the numbers of the cells.
+    """
+    import cv2
+
+    cells = index.shape[1]
+    means = np.zeros((*index.shape, 3), np.float32)
+    for face, pixels in enumerate(cube.pixels):
+        size = (cells, cells)
+        means[face] = cv2.resize(pixels.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    middles = ((np.arange(cells) + 0.5) * cube.pixels.shape[1] / cells).astype(int)
+    labels = cube.labels[:, middles[:, None], middles]
+    pairs = []
+    weights = []
+    for axis in (1, 2):
+        first = np.take(index, np.arange(cells - 1), axis=axis).ravel()
+        second = np.take(index, np.arange(1, cells), axis=axis).ravel()
+        change = np.abs(np.diff(means, axis=axis)).max(axis=-1).ravel()
+        is_one_object = np.diff(labels, axis=axis).ravel() == 0
+        pairs.append(np.stack([first, second]))
+        weights.append(is_one_object / (1 + (change / _OUTLINE) ** 2))
+    return pairs, weights
+
+
+def _solve(pairs: NDArray[np.int64], weights: Array, pull: Array, cells: int) -> Array:
+    """Return (N, 3) the membrane of N cells: pairs (2, n) with their weights (n,), pulled by (N, 3)."""
+    from scipy.sparse import coo_array, csc_array, diags_array
+    from scipy.sparse.linalg import splu
+
+    i, j = pairs
+    off = coo_array((-weights, (i, j)), (len(pull), len(pull))).tocsr()
     off = off + off.T
     diagonal = -off.sum(axis=1) + 1 / (_REACH * cells) ** 2
-    solved = splu(
-        csc_array(off + diags_array(diagonal)), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-    )
-    return np.asarray(solved.solve(pull), np.float32).reshape(6, cells, cells, 3)
+    matrix = csc_array(off + diags_array(diagonal))
+    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    return np.asarray(factors.solve(pull))
 
 
 def _steps_of_cells(cube: Cube, edge: Edge, cells: int) -> tuple[Array, Array]:
     """(cells, 3) median step a - b, 0 where it is no more than texture; (cells,) share without outlines."""
     a, b = cube.at_edge(edge)
     clear = cube.continuous(edge)
-    blocks = [(a - b)[block[clear[block]]] for block in np.array_split(np.arange(len(a)), cells)]
-    share = np.array([len(block) for block in blocks]) * cells / len(a)
-    blocks = [block if len(block) else np.zeros((1, 3)) for block in blocks]
-    medians = np.array([np.median(block, axis=0) for block in blocks])
-    spread = np.array([np.median(np.abs(block - np.median(block, axis=0)), axis=0) for block in blocks])
-    counts = np.array([len(block) for block in blocks])[:, None]
-    beside = np.maximum(*(np.abs(lines[0] - lines[1]) for lines in cube.lines(edge)))
+    counts = np.zeros(cells)
+    medians = np.zeros((cells, 3))
+    spread = np.zeros((cells, 3))
+    for cell, block in enumerate(np.array_split(np.arange(len(a)), cells)):
+        steps = (a - b)[block[clear[block]]]
+        counts[cell] = len(steps)
+        if len(steps):
+            medians[cell] = np.median(steps, axis=0)
+            spread[cell] = np.median(np.abs(steps - medians[cell]), axis=0)
+    lines_a, lines_b = cube.lines(edge)
+    beside = np.maximum(np.abs(lines_a[0] - lines_a[1]), np.abs(lines_b[0] - lines_b[1]))
     inside = np.array([np.median(block, axis=0) for block in np.array_split(beside, cells)])
-    error = 1.4826 * spread * np.sqrt(np.pi / 2 / counts) + inside / 2
+    error = 1.4826 * spread * np.sqrt(np.pi / 2 / np.maximum(counts, 1))[:, None] + inside / 2
     with np.errstate(divide="ignore", invalid="ignore"):
         sure = np.where(medians == 0, 0, np.maximum(0, 1 - (_SURE * error / medians) ** 2))
-    return np.asarray(medians * sure), share
+    return np.asarray(medians * sure), counts * cells / len(a)
 
 
 def _left_over(corrected: NDArray[Any], edge: Edge, continuous: NDArray[np.bool_]) -> Array:

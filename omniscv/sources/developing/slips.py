@@ -20,32 +20,40 @@ from omniscv.sources.developing.cube import SIDES, Cube, Edge
 POOLED = 16
 """Places of a recording, at most, that show its vignette."""
 
-_CODES = 10, 245  # beyond, pictures are too dark, or clipped
-# of a width, beside an edge; rows there; blocks along it
-_DEEP = 1 / 16
-_SAMPLED_ROWS = 8
-_BLOCKS = 32
-# the least logarithm in the corners that is applied, and in standard errors
-_LEAST = 0.19
-_ERRORS = 5
+_CODES = (10, 245)  # beyond, pictures are too dark, or clipped
+_DEEP = 1 / 16  # of a face's width: how far beside an edge creases are sampled
+_SAMPLED_ROWS = 8  # there
+_BLOCKS = 32  # along an edge
+# The least loss of light in the corners that is applied:
+_LEAST = 0.19  # logarithm
+_ERRORS = 5  # in its standard errors
 _NOISE = 0.01  # of logarithms of 8-bit codes
 _ROUNDS = 20
 _PRIOR = 1e-9
 
 
 def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float] | None:
-    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light that cubes of one camera prove, or None."""
+    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light that cubes of one camera prove, or None.
+
+    Args:
+        cubes: of several places.
+        transfer: of the colours: what their codes say of light.
+    """
     creases = [_creases(cube, transfer) for cube in cubes]
     if not creases:
         return None
-    parts = [np.concatenate(of_edge) for of_edge in zip(*creases, strict=True)]  # of 12 edges, (n, 3)
+    parts = list(map(np.concatenate, zip(*creases, strict=True)))  # of 12 edges, (n, 3)
     fitted = _fitted(np.concatenate(parts))
-    without = np.array([_fitted(np.concatenate(parts[:i] + parts[i + 1 :])) for i in range(12)])
+    without_one = []  # the jackknife: what the other edges say
+    for edge in range(len(parts)):
+        without_one.append(_fitted(np.concatenate(parts[:edge] + parts[edge + 1 :])))
     corner = np.array((2.0, 4.0))  # r^2 and r^4 there
     lost = fitted @ corner
-    left_out = without @ corner
+    left_out = np.array(without_one) @ corner
     error = np.sqrt(11 / 12 * ((left_out - left_out.mean()) ** 2).sum())
-    return (float(fitted[0]), float(fitted[1])) if lost > max(_LEAST, _ERRORS * error) else None
+    if lost <= max(_LEAST, _ERRORS * error):
+        return None
+    return float(fitted[0]), float(fitted[1])
 
 
 def _creases(cube: Cube, transfer: str) -> list[Array]:
@@ -61,17 +69,29 @@ def _creases(cube: Cube, transfer: str) -> list[Array]:
     radii = np.stack(np.broadcast_arrays(beside[:, None] ** 2 + y**2, on_edge**2 + y**2), axis=-1)
     edges = []
     for edge in cube.edges:
-        both = [*cube.lines(edge, deep), *(line[None] for line in cube.at_edge(edge))]
-        usable = np.all([((c > _CODES[0]) & (c < _CODES[1])).all(axis=(0, 2)) for c in both], axis=0)
-        usable &= cube.continuous(edge)
-        light = [np.log(light_of_codes(np.clip(c, 1, 255), transfer)).mean(axis=2) for c in both]
-        crease = (light[0][rows] + light[1][rows] - light[2] - light[3]) / 2
-        blocks = np.array_split(np.arange(size), len(along))
-        usable_blocks = [i for i, block in enumerate(blocks) if usable[block].any()]
-        medians = [np.median(crease[:, blocks[i][usable[blocks[i]]]], axis=1) for i in usable_blocks]
-        of_edge = np.array(medians).reshape(len(usable_blocks), len(rows)).T
-        edges.append(np.concatenate([of_edge[..., None], radii[:, usable_blocks]], axis=-1).reshape(-1, 3))
+        beside_a, beside_b = cube.lines(edge, deep)
+        on_a, on_b = cube.at_edge(edge)
+        usable = cube.continuous(edge)
+        for codes in (beside_a, beside_b, on_a[None], on_b[None]):
+            usable &= ((codes > _CODES[0]) & (codes < _CODES[1])).all(axis=(0, 2))
+        light_beside = _log_light(beside_a, transfer)[rows] + _log_light(beside_b, transfer)[rows]
+        crease = (light_beside - _log_light(on_a[None], transfer) - _log_light(on_b[None], transfer)) / 2
+        usable_blocks = []
+        medians = []
+        for index, block in enumerate(np.array_split(np.arange(size), len(along))):
+            columns = block[usable[block]]
+            if len(columns):
+                usable_blocks.append(index)
+                medians.append(np.median(crease[:, columns], axis=1))
+        logarithms = np.array(medians).reshape(len(usable_blocks), len(rows)).T
+        parts = [logarithms[..., None], radii[:, usable_blocks]]
+        edges.append(np.concatenate(parts, axis=-1).reshape(-1, 3))
     return edges
+
+
+def _log_light(codes: Array, transfer: str) -> Array:
+    """Return (rows, s) the mean logarithm of light of codes (rows, s, 3)."""
+    return np.asarray(np.log(light_of_codes(np.clip(codes, 1, 255), transfer)).mean(axis=2))
 
 
 def _fitted(creases: NDArray[np.float64]) -> Array:
@@ -91,27 +111,29 @@ _BLUR_PX = 15  # on both sides: slower changes along an edge are no texture
 _BLUR = np.full(2 * _BLUR_PX + 1, 1 / (2 * _BLUR_PX + 1))
 _ROWS = 3  # from which the direction of lines is taken
 _MOST_SLIP = 1 / 128  # of a face's width
-# levels of texture, and correlation, that show a shift
-_TEXTURE = 1.0
-_ALIKE = 0.6
-# pictures without anti-aliasing shift texture by half a pixel
-_SLIP_PX = 0.6
+# What shows a shift:
+_TEXTURE = 1.0  # levels of texture
+_ALIKE = 0.6  # correlation
+_SLIP_PX = 0.6  # pictures without anti-aliasing shift texture by half a pixel
 _NOISE_PX = 0.1
 _LEAST_PX = 512  # of a face: smaller ones are turned by less than their pixels show
-# the least turn, and the edges on which it is seen
-_SLIP_DEG = 0.05
-_PROVEN = 2
+# What proves a turn:
+_SLIP_DEG = 0.05  # the least one
+_PROVEN = 2  # edges on which it is seen
 
 
 def straightened(capture: Capture, turn: Array) -> Capture:
-    """Return a capture of a face that is turned by a rotation vector, resampled; truth to nearest pixels."""
+    """Return a ``capture`` of a face that is turned, resampled; ground truth takes the nearest pixels.
+
+    ``turn`` is its rotation vector (3,), radians, world frame.
+    """
     import cv2
     from scipy.spatial.transform import Rotation  # slow to load
 
     view = capture.view
     R_w_c = capture.view.pose.R_w_c
     shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))
-    pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
+    pixels = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), axis=-1)
     rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
     uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(pixels.shape).astype(np.float32) - 0.5
     filter_ = cv2.INTER_CUBIC if capture.mode == "lit" else cv2.INTER_NEAREST
@@ -124,9 +146,13 @@ def proven_turns(cube: Cube) -> dict[int, Array]:
     """Return rotation vectors, world frame, radians, of faces of 512 px whose turn two edges prove."""
     if cube.pixels.shape[1] < _LEAST_PX:
         return {}
-    turns, seen = turns_of(cube)
-    angles = np.degrees(np.linalg.norm(turns, axis=1))
-    return {face: turns[face] for face in range(6) if angles[face] > _SLIP_DEG and seen[face] >= _PROVEN}
+    turns, edge_counts = turns_of(cube)
+    angles_deg = np.degrees(np.linalg.norm(turns, axis=1))
+    proven = {}
+    for face in range(6):
+        if angles_deg[face] > _SLIP_DEG and edge_counts[face] >= _PROVEN:
+            proven[face] = turns[face]
+    return proven
 
 
 def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
@@ -158,7 +184,9 @@ def shifts_of(cube: Cube) -> dict[Edge, float]:
     """Return by how many px texture is shifted along the edges that show it."""
     shifts = {}
     for edge in cube.edges:
-        a, b = (lines.mean(axis=-1) for lines in cube.lines(edge, _ROWS + 1))
+        lines_a, lines_b = cube.lines(edge, _ROWS + 1)
+        a = lines_a.mean(axis=-1)
+        b = lines_b.mean(axis=-1)
         moved = [_shift_along(a[0], b[0]), _shift_along(a[-1], a[0]), _shift_along(b[0], b[-1])]
         if not np.isnan(moved).any():
             shifts[edge] = moved[0] - (moved[1] + moved[2]) / (2 * _ROWS)
@@ -167,20 +195,26 @@ def shifts_of(cube: Cube) -> dict[Edge, float]:
 
 def _shift_along(a: Array, b: Array) -> float:
     """Px by which b (s,) shows the texture of a (s,) farther along; NaN where there is too little."""
-    one, other = (
-        line - np.convolve(np.pad(line, _BLUR_PX, "edge"), _BLUR, "valid")[: len(line)] for line in (a, b)
-    )
+    texture_a = _texture(a)
+    texture_b = _texture(b)
     most = max(2, round(_MOST_SLIP * len(a)))
-    inner = one[most : len(a) - most]
-    alike = []
+    inner = texture_a[most : len(a) - most]
+    correlations = []
     for shift in range(-most, most + 1):
-        there = other[most + shift : len(a) - most + shift]
-        alike.append((inner * there).sum() / max(np.sqrt((inner**2).sum() * (there**2).sum()), 1e-9))
-    best = int(np.argmax(alike))
-    if inner.std() < _TEXTURE or alike[best] < _ALIKE or not 0 < best < 2 * most:
+        there = texture_b[most + shift : len(a) - most + shift]
+        norm = max(np.sqrt((inner**2).sum() * (there**2).sum()), 1e-9)
+        correlations.append((inner * there).sum() / norm)
+    best = int(np.argmax(correlations))
+    if inner.std() < _TEXTURE or correlations[best] < _ALIKE or not 0 < best < 2 * most:
         return float("nan")
-    before, here, after = alike[best - 1 : best + 2]
+    before, here, after = correlations[best - 1 : best + 2]  # of a parabola, whose top is between pixels
     return float(best - most + (before - after) / (2 * (before - 2 * here + after)))
+
+
+def _texture(line: Array) -> Array:
+    """Return (s,) the fast changes along a line (s,)."""
+    slow = np.convolve(np.pad(line, _BLUR_PX, "edge"), _BLUR, "valid")[: len(line)]
+    return np.asarray(line - slow)
 
 
 def _few_turns(A: Array, y: Array) -> Array:
