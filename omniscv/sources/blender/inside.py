@@ -53,53 +53,58 @@ class World:
         bpy.ops.wm.open_mainfile(filepath=settings["path"], load_ui=False, use_scripts=False)
         self.scene = select_scene(settings["scene"])
         bpy.context.window.scene = self.scene
-        self.layer = next((item for item in self.scene.view_layers if item.use), self.scene.view_layers[0])
+        self.layer = rendered_layer(self.scene)
         bpy.context.window.view_layer = self.layer
         self.scene.frame_set(self.scene.frame_current if settings["frame"] is None else settings["frame"])
         self.metres = self.scene.unit_settings.scale_length
         show_as_rendered(self.layer)
         make_instances_real(self.scene)
-        self.named = named_objects(self.layer)
-        if len(self.named) > MOST_OBJECTS:
-            raise RuntimeError(f"expected at most {MOST_OBJECTS} objects, got {len(self.named)}")
-        self.ids = {name: 1 + i for i, name in enumerate(sorted(self.named))}
-        for item in bpy.data.objects:
-            item.pass_index = 0
-        for name, index in self.ids.items():
-            self.named[name].pass_index = index
+        self.number_objects()
         self.hidden: set[str] = set()
-        self.rest = {name: item.matrix_world.copy() for name, item in self.named.items()}
         self.moved: set[str] = set()
         self.undo: list[tuple[Any, str, Any]] = []  # what draws have changed: owner, attribute, value before
         self.sockets = settings_of(self.scene, self.layer, self.named.values())
-        self.viewer = self.scene.camera and tuple(self.scene.camera.matrix_world.translation)
+        self.viewer = None
+        if self.scene.camera:
+            self.viewer = tuple(self.scene.camera.matrix_world.translation)
         self.camera = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         self.scene.collection.objects.link(self.camera)
         self.scene.camera = self.camera
         self.prepare()
 
+    def number_objects(self) -> None:
+        """Give each object that pictures may show a pass index, and note where it is."""
+        self.named = named_objects(self.layer)
+        if len(self.named) > MOST_OBJECTS:
+            raise RuntimeError(f"expected at most {MOST_OBJECTS} objects, got {len(self.named)}")
+        for item in bpy.data.objects:
+            item.pass_index = 0
+        self.ids: dict[str, int] = {}
+        self.described: dict[str, Any] = {}  # the world matrices of objects as the file has them
+        for index, name in enumerate(sorted(self.named), start=1):
+            self.ids[name] = index
+            self.named[name].pass_index = index
+            self.described[name] = self.named[name].matrix_world.copy()
+
     def description(self) -> Message:
         """Return what is known of the scene before anything is rendered."""
-        paths = [bpy.path.abspath(item.filepath) for item in bpy.data.libraries]
-        textures = [
-            bpy.path.abspath(item.filepath, library=item.library)
-            for item in bpy.data.images
-            if item.source == "FILE" and not item.packed_file
-        ]
+        libraries = [bpy.path.abspath(item.filepath) for item in bpy.data.libraries]
+        files = set(libraries)
+        for image in bpy.data.images:
+            if image.source == "FILE" and not image.packed_file:
+                files.add(bpy.path.abspath(image.filepath, library=image.library))
         return {
             "scene": self.scene.name,
             "frame": self.scene.frame_current,
             "objects": self.ids,
             "world": self.scene.world is not None,
-            **{
-                kind: {name: {key: size_of(*at) for key, at in of.items()} for name, of in by_name.items()}
-                for kind, by_name in self.sockets.items()
-            },
+            "lights": sizes_of(self.sockets["lights"]),
+            "materials": sizes_of(self.sockets["materials"]),
             "metres": self.metres,
             "transfer": self.transfer(),
             "camera": None if self.viewer is None else [self.metres * x for x in self.viewer],
-            "libraries": sorted(filter(os.path.isfile, paths)),
-            "missing": sorted({path for path in (*paths, *textures) if not os.path.isfile(path)}),
+            "libraries": sorted(filter(os.path.isfile, libraries)),
+            "missing": sorted(path for path in files if not os.path.isfile(path)),
         }
 
     def transfer(self) -> str:
@@ -131,7 +136,7 @@ class World:
         if self.settings["threads"]:
             render.threads_mode = "FIXED"
             render.threads = self.settings["threads"]
-        names = "pixel_filter_type", "filter_width", "max_bounces"
+        names = ("pixel_filter_type", "filter_width", "max_bounces")
         self.look = {name: getattr(cycles, name) for name in names}
 
     def render(self, request: Message) -> Message:
@@ -140,7 +145,10 @@ class World:
         self.aim(request)
         file = os.path.join(request["folder"], request["file"])
         self.scene.render.filepath = file
-        (self.set_colors if request["kind"] == "lit" else self.set_data)()
+        if request["kind"] == "lit":
+            self.set_colors()
+        else:
+            self.set_data()
         bpy.ops.render.render(write_still=True, scene=self.scene.name, layer=self.layer.name)
         if not os.path.exists(file):
             raise RuntimeError("Blender has rendered no picture")
@@ -154,7 +162,9 @@ class World:
         data.sensor_fit = "HORIZONTAL"
         data.lens = max(1.0, 18 / tangent)  # mm, at least 1
         data.sensor_width = 2 * data.lens * tangent
-        data.clip_start, data.clip_end = (depth / self.metres for depth in self.settings["clip"])
+        near_m, far_m = self.settings["clip"]
+        data.clip_start = near_m / self.metres
+        data.clip_end = far_m / self.metres
         render.resolution_x, render.resolution_y = request["size"]
         pose = Matrix(request["R_w_b"]).to_4x4()
         pose.translation = [x / self.metres for x in request["position"]]
@@ -208,7 +218,7 @@ class World:
         for name in hidden ^ self.hidden:
             self.named[name].hide_render = name in hidden
         for name in sorted(self.moved | poses.keys()):
-            place(self.named[name], self.rest[name], poses.get(name), self.metres)
+            place(self.named[name], self.described[name], poses.get(name), self.metres)
         self.hidden = hidden
         self.moved = set(poses)
         for owner, attribute, value in reversed(self.undo):
@@ -221,16 +231,21 @@ class World:
         bpy.context.view_layer.update()
 
     def set(self, owner: Any, attribute: str, value: Any) -> None:
-        """Set a value, or a vector's first ones: colours of shaders have an alpha."""
-        old = getattr(owner, attribute)
-        old = old if isinstance(old, float) else tuple(old)
-        self.undo.append((owner, attribute, old))
+        """Set an ``attribute`` of its ``owner``: a value, or a vector's first ones.
+
+        Colours of shaders have an alpha, which stays; angles are degrees.
+        """
+        before = getattr(owner, attribute)
+        if not isinstance(before, float):
+            before = tuple(before)
+            value = (*value, *before[len(value) :])
+        self.undo.append((owner, attribute, before))
         if attribute == "temperature":
             self.undo.append((owner, "use_temperature", owner.use_temperature))
             owner.use_temperature = True
         if attribute == "angle":
             value = math.radians(value)
-        setattr(owner, attribute, value if isinstance(old, float) else (*value, *old[len(value) :]))
+        setattr(owner, attribute, value)
 
     def boxes(self, request: Message) -> Message:
         """Return by object its place, and a box around its vertices in its own axes, instances included."""
@@ -241,20 +256,23 @@ class World:
             name = names.get(instance.object.pass_index)
             if name is not None and len(vertices := vertices_of(instance)):
                 points.setdefault(name, []).append(vertices)
-        places = {name: item.matrix_world.translation for name, item in self.named.items()}
-        return {
-            "places": {name: [self.metres * x for x in place] for name, place in places.items()},
-            "boxes": {
-                name: self.box(np.concatenate(rows), self.named[name].matrix_world)
-                for name, rows in points.items()
-            },
-        }
+        places = {}
+        for name, item in self.named.items():
+            places[name] = [self.metres * x for x in item.matrix_world.translation]
+        boxes = {}
+        for name, parts in points.items():
+            boxes[name] = self.box(np.concatenate(parts), self.named[name].matrix_world)
+        return {"places": places, "boxes": boxes}
 
     def box(self, points: NDArray[np.float64], matrix: Any) -> list[Any]:
-        """Return centre, axes in rows, and size, in metres."""
+        """Return centre, axes in rows, and size of a box, in metres.
+
+        It is around ``points`` (N, 3), in units of the scene, along the axes of an object's world ``matrix``.
+        """
         axes = np.array(matrix.to_quaternion().to_matrix())
         along = points @ axes
-        low, high = along.min(axis=0), along.max(axis=0)
+        low = along.min(axis=0)
+        high = along.max(axis=0)
         center = axes @ ((low + high) / 2)
         return [(self.metres * center).tolist(), axes.T.tolist(), (self.metres * (high - low)).tolist()]
 
@@ -262,53 +280,98 @@ class World:
 LIGHT = {"power": "energy", "kelvin": "temperature", "color": "color", "angle_deg": "angle"}
 """Attributes of lights by the names that jobs have for them."""
 
+Settings = dict[str, tuple[Any, str]]
+"""By the name of a setting, its owner and attribute."""
 
-def settings_of(scene: Any, layer: Any, items: Any) -> dict[str, dict[str, dict[str, tuple[Any, str]]]]:
-    """Return what draws may set of lights and materials: by kind, name and setting, owner and attribute.
 
-    Of shaders those inputs of the node at the output that no other node gives.
+def rendered_layer(scene: Any) -> Any:
+    """Return the first view layer that is used; the first one of all if none is."""
+    for layer in scene.view_layers:
+        if layer.use:
+            return layer
+    return scene.view_layers[0]
+
+
+def settings_of(scene: Any, layer: Any, items: Any) -> dict[str, dict[str, Settings]]:
+    """Return what draws may set of lights and materials, by kind and name.
+
+    Args:
+        scene: whose world counts as a light.
+        layer: whose lights are rendered.
+        items: the objects that are rendered, whose materials may be set.
     """
-    lights: dict[str, Any] = {}
+    lights: dict[str, Settings] = {}
     for item in layer.objects:
         if item.type == "LIGHT" and not item.hide_render:
             if item.data.users > 1:
                 item.data = item.data.copy()
-            found = {key: (item.data, name) for key, name in LIGHT.items() if hasattr(item.data, name)}
-            lights[item.name] = found
+            lights[item.name] = settings_of_light(item.data)
     if scene.world is not None and (inputs := inputs_of(scene.world)):
         lights["World"] = inputs
-    used = {slot.material for item in items for slot in item.material_slots if slot.material}
-    materials = {each.name: inputs_of(each) for each in used}
-    return {"lights": lights, "materials": {name: of for name, of in sorted(materials.items()) if of}}
+    by_name: dict[str, Any] = {}
+    for item in items:
+        for slot in item.material_slots:
+            if slot.material:
+                by_name[slot.material.name] = slot.material
+    materials: dict[str, Settings] = {}
+    for name, material in sorted(by_name.items()):
+        if inputs := inputs_of(material):
+            materials[name] = inputs
+    return {"lights": lights, "materials": materials}
 
 
-def inputs_of(shaded: Any) -> dict[str, tuple[Any, str]]:
-    """Return the inputs of a material's or world's shader by name: ``base_color`` is Base Color."""
+def settings_of_light(light: Any) -> Settings:
+    """Return those of :data:`LIGHT` that a light has."""
+    settings = {}
+    for name, attribute in LIGHT.items():
+        if hasattr(light, attribute):
+            settings[name] = (light, attribute)
+    return settings
+
+
+def inputs_of(shaded: Any) -> Settings:
+    """Return the inputs of a material's or world's shader by name: ``base_color`` is Base Color.
+
+    They are those of the node at the output that no other node gives.
+    """
     output = shaded.node_tree and shaded.node_tree.get_output_node("CYCLES")
-    links = output.inputs["Surface"].links if output else ()
-    free = [each for link in links for each in link.from_node.inputs if not each.is_linked]
-    return {
-        each.name.lower().replace(" ", "_"): (each, "default_value")
-        for each in free
-        if each.enabled and each.type in ("VALUE", "RGBA", "VECTOR")
-    }
+    if not output:
+        return {}
+    inputs = {}
+    for link in output.inputs["Surface"].links:
+        for socket in link.from_node.inputs:
+            if not socket.is_linked and socket.enabled and socket.type in ("VALUE", "RGBA", "VECTOR"):
+                inputs[socket.name.lower().replace(" ", "_")] = (socket, "default_value")
+    return inputs
 
 
-def size_of(owner: Any, attribute: str) -> int:
-    """Return how many numbers a setting has."""
-    return 1 if isinstance(getattr(owner, attribute), float) else 3
+def sizes_of(by_name: dict[str, Settings]) -> dict[str, dict[str, int]]:
+    """Return, by name of a light or material, how many numbers each of its settings has."""
+    sizes: dict[str, dict[str, int]] = {}
+    for name, settings in by_name.items():
+        sizes[name] = {}
+        for key, (owner, attribute) in settings.items():
+            sizes[name][key] = 1 if isinstance(getattr(owner, attribute), float) else 3
+    return sizes
 
 
-def place(item: Any, rest: Any, pose: Any, metres: float) -> None:
-    """Place an object by a rotation and metres, or where it was; what would move it otherwise is removed."""
+def place(item: Any, described: Any, pose: Any, metres: float) -> None:
+    """Place an object; what would move it otherwise is removed.
+
+    Args:
+        item: the object.
+        described: its world matrix as the file has it.
+        pose: its rotation and its position in metres; None to put it back where it was.
+        metres: of a unit of the scene.
+    """
     item.animation_data_clear()
     item.constraints.clear()
     item.parent = None
-    matrix = rest.copy()
+    matrix = described.copy()
     if pose is not None:
         R_w_o, position = pose
-        turn = Matrix(R_w_o) @ rest.to_quaternion().to_matrix().transposed()
-        matrix = turn.to_4x4() @ rest
+        turn = Matrix(R_w_o) @ described.to_quaternion().to_matrix().transposed()
+        matrix = turn.to_4x4() @ described
         matrix.translation = [x / metres for x in position]
     item.matrix_world = matrix
 
@@ -321,7 +384,7 @@ def multi_layer_exr(image: Any) -> None:
 
 
 def use_device(scene: Any, device: str) -> None:
-    """Render on the CPU, or on all devices of a type, such as ``cuda``."""
+    """Render a ``scene`` on the CPU, or on all devices of a type: ``device`` is ``cpu`` or, say, ``cuda``."""
     scene.cycles.device = "CPU" if device == "cpu" else "GPU"
     if device == "cpu":
         return
@@ -355,16 +418,20 @@ def main() -> None:
             if request["do"] == "open":
                 world = World(request)
                 answer = world.description()
+            elif request["do"] == "render":
+                answer = world.render(request)
             else:
-                answer = {"render": world.render, "boxes": world.boxes}[request["do"]](request)
+                answer = world.boxes(request)
         except (RuntimeError, MemoryError) as wrong:  # what Blender reports; other errors end this program
             answer = {"error": " ".join(str(wrong).split()) or type(wrong).__name__}
         send(replies, answer)
 
 
 def read(stream: IO[bytes], requests: "queue.SimpleQueue[Message]") -> None:
-    """Put requests in a queue. Their end ends this program at once, even while it renders, and removes the
-    folders that they have named."""
+    """Read requests from a ``stream``, and put them in the queue ``requests``.
+
+    Their end ends this program at once, even while it renders, and removes the folders that they have named.
+    """
     folders: set[str] = set()
     while len(head := stream.read(4)) == 4:
         request = json.loads(stream.read(int.from_bytes(head, "big")))
@@ -376,6 +443,7 @@ def read(stream: IO[bytes], requests: "queue.SimpleQueue[Message]") -> None:
 
 
 def send(stream: IO[bytes], message: Message) -> None:
+    """Write a ``message`` to a ``stream``, as one frame."""
     data = json.dumps(message).encode()
     stream.write(len(data).to_bytes(4, "big") + data)
     stream.flush()

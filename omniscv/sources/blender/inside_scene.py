@@ -71,12 +71,20 @@ def make_instances_real(scene: Any) -> None:
     for parent, original, matrix in instances:
         name = f"{parent.name}/{original.name}"
         scene.collection.objects.link(copy_object(original, name, matrix, meshes.get(original)))
-    for parent in {parent for parent, _, _ in instances}:
+    for parent, _, _ in instances:
         parent.instance_type = "NONE"
 
 
 def copy_object(original: Any, name: str, matrix: Any, mesh: Any) -> Any:
-    """Return a copy that stands still at a pose, without modifiers if it gets a mesh with their effect."""
+    """Return a copy of an object that stands still.
+
+    Args:
+        original: the object.
+        name: of the copy.
+        matrix: its world matrix.
+        mesh: its shape with the effect of the object's modifiers, which the copy then lacks; None for the
+            object's own shape.
+    """
     new = original.copy()
     new.name = name
     new.parent = None

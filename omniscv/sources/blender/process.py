@@ -88,7 +88,11 @@ class Process:
             self.version = tuple(map(int, self._reply()["version"]))
 
     def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request to do ``what``, and return its reply; ServerRefusedError for an error of Blender."""
+        """Send a ``message`` that requests ``what``, and return the reply.
+
+        Raises:
+            ServerRefusedError: an error of Blender.
+        """
         data = json.dumps(message).encode()
         with self._exchange(what):
             assert self._process.stdin is not None
@@ -224,9 +228,15 @@ class Blender:
             raise
 
     def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
-        """Send a request, and return ``reader(reply, folder)``; after a fault, start Blender and send again.
+        """Send a request, and return what is read of the reply; after a fault, start Blender and send again.
 
-        ``what`` is for messages. Raises SourceError for an error of Blender, or too many faults in a row.
+        Args:
+            what: Blender is to do, for messages.
+            message: the request.
+            reader: a function of the reply, and of the folder with the files of its pictures.
+
+        Raises:
+            SourceError: an error of Blender, or too many faults in a row.
         """
         for _ in range(self._retries + 1):
             try:

@@ -2,7 +2,7 @@
 
 import logging
 import threading
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
@@ -38,7 +38,7 @@ from omniscv.storage.bounded import library_error, read_bytes
 
 _DATA = ("object_mask", "depth", "normals")  # modalities that one render of a view gives together
 _AHEAD = 24  # requests that are read ahead, to render a view once for all its data
-# of a side, as Blender has it
+# Of a side, as Blender has it:
 _LEAST_PX = 4
 _MOST_PX = 65_536
 CAPABILITIES = Capabilities(
@@ -130,7 +130,11 @@ class BlenderSource(Rendered):
         if objects is None:
             return self._moved
         places, boxes = self._measured()
-        return {name: Pose(places[name], boxes[name].R_w_b) for name in objects if name in boxes}
+        poses = {}
+        for name in objects:
+            if name in boxes:
+                poses[name] = Pose(places[name], boxes[name].R_w_b)
+        return poses
 
     def _measured(self) -> Measured:
         with self._lock:
@@ -140,7 +144,9 @@ class BlenderSource(Rendered):
 
     def _world_state(self) -> dict[str, Any]:
         """Return what a request says of the world."""
-        poses = {name: [pose.R_w_c.tolist(), pose.position.tolist()] for name, pose in self._moved.items()}
+        poses = {}
+        for name, pose in self._moved.items():
+            poses[name] = [pose.R_w_c.tolist(), pose.position.tolist()]
         return {"hidden": sorted(self._hidden), "poses": poses, "varied": self._instant.varied}
 
     def close(self) -> None:
@@ -156,6 +162,7 @@ class BlenderSource(Rendered):
         file = f"picture.{'png' if is_png else 'exr'}"
 
         def read(reply: dict[str, Any], folder: Path) -> Pixels:
+            """Read the picture of a ``reply`` from its file in a ``folder``, and remove the file."""
             path = folder / file
             metres = float(reply["metres"])
             pixels = read_colors(path, view) if is_lit else read_data(path, view, metres)
@@ -184,8 +191,8 @@ class BlenderSource(Rendered):
         settings = self._settings
         look = {"samples": settings.samples, "seed": settings.seed, "denoiser": settings.denoiser}
         server = f"Blender {self.blender.version}"
-        scene = {"server": server, "scene": self._identity.name, "dialect": CAPABILITIES.dialect}
-        return {**scene, **look} if request.mode == "lit" else scene
+        provenance = {"server": server, "scene": self._identity.name, "dialect": CAPABILITIES.dialect}
+        return {**provenance, **look} if request.mode == "lit" else provenance
 
     def _check_open(self) -> None:
         if self._closed.is_set():
@@ -193,20 +200,28 @@ class BlenderSource(Rendered):
 
 
 def _read_measured(reply: dict[str, Any], folder: Path) -> Measured:
-    places = {name: np.array(place, np.float64) for name, place in reply["places"].items()}
+    """Return the places and boxes of a reply to ``boxes``."""
+    places = {}
+    for name, place in reply["places"].items():
+        places[name] = np.array(place, np.float64)
     boxes = {}
-    for name, box in reply["boxes"].items():
-        center, axes, size = (np.array(part, np.float64) for part in box)
-        boxes[name] = ObjectBox.of(center, axes, size, "vertices")
+    for name, (center, axes, size) in reply["boxes"].items():
+        boxes[name] = ObjectBox.of(_floats(center), _floats(axes), _floats(size), "vertices")
     return places, boxes
 
 
-def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> Source:
-    """Open ``blender://SCENE.blend``, with options of :class:`omniscv.sources.blender.Settings` behind a
-    question mark.
+def _floats(values: Any) -> Array:
+    return np.array(values, np.float64)
 
-    ``blender=PATH`` names Blender, and ``processes=2`` renders in several at once. After Blender has ended,
-    it is started again ``retries`` times in a row.
+
+def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> Source:
+    """Open a scene that Blender renders.
+
+    Args:
+        address: ``blender://SCENE.blend``, with options of :class:`omniscv.sources.blender.Settings` behind a
+            question mark. ``blender=PATH`` names Blender, and ``processes=2`` renders in several at once.
+        timeout_s: how long starting and loading, and each picture, may take.
+        retries: how often in a row Blender is started again after it has ended.
 
     Raises:
         ArgumentError: an option that is unknown or out of its range, or no such file.
@@ -224,7 +239,13 @@ def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
 
 
 def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> BlenderSource:
-    """As :func:`open_blender`, but one process, whatever the address says."""
+    """As :func:`open_blender`, but one process, whatever the address says.
+
+    Args:
+        address: see :func:`open_blender`.
+        timeout_s: likewise.
+        retries: likewise.
+    """
     number("timeout_s", timeout_s, above=0)
     whole_number("retries", retries, least=0)
     settings, program, _ = read_address(address)
@@ -232,7 +253,10 @@ def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
 
 
 def read_colors(path: Path, view: View) -> Pixels:
-    """Return ``lit``, (H, W, 3) RGB: uint8 of a PNG, float32 of an EXR; BadReplyError for another file."""
+    """Return ``lit``, (H, W, 3) RGB: uint8 of a PNG, float32 of an EXR.
+
+    ``path`` is the file; BadReplyError if it is no such picture of the size of ``view``.
+    """
     _check_regular(path)
     if path.suffix == ".exr":
         return {"lit": _pass(_passes(path, view), "Combined.RGB", path)}
@@ -244,12 +268,21 @@ def read_data(path: Path, view: View, metres: float) -> Pixels:
     """Return object masks, depth and normals of a multi-part EXR file of Blender's passes.
 
     ``object_mask`` is uint16 ids (H, W); ``depth`` planar metres (H, W), +inf where there is no surface;
-    ``normals`` (H, W, 3) unit vectors in world axes, 0 where there is no surface. ``metres`` are of a unit of
-    the scene. Raises BadReplyError if the file has no such passes, or not of the view's size.
+    ``normals`` (H, W, 3) unit vectors in world axes, 0 where there is no surface.
+
+    Args:
+        path: the file.
+        view: what was rendered.
+        metres: of a unit of the scene.
+
+    Raises:
+        BadReplyError: the file has no such passes, or not of the view's size.
     """
     _check_regular(path)
     passes = _passes(path, view)
-    ids, z, normals = (_pass(passes, name, path) for name in ("Object Index.X", "Depth.Z", "Normal.XYZ"))
+    ids = _pass(passes, "Object Index.X", path)
+    z = _pass(passes, "Depth.Z", path)
+    normals = _pass(passes, "Normal.XYZ", path)
     check_depth(z)
     if not ((ids >= 0) & (ids <= _MOST_ID)).all() or not np.isfinite(normals).all():
         raise BadReplyError(f"{path.name}: expected ids up to {_MOST_ID} and finite normals, got others")
@@ -285,16 +318,27 @@ def _passes(path: Path, view: View) -> Pixels:
                 expected = f"{path.name}: expected a picture of {view.width} x {view.height} px"
                 raise BadReplyError(f"{expected}, got {spec.width} x {spec.height} px")
             pixels = file.read_image(part, 0, 0, spec.nchannels, "float")
-            channels = [channel.rsplit(".", 1) for channel in spec.channelnames]  # ViewLayer.Normal.X
-            for start, (name, _) in enumerate(channels):
-                same = [i for i, channel in enumerate(channels) if channel[0] == name][:3]
-                if pixels is not None and same[0] == start:
-                    letters = "".join(channels[i][1] for i in same)
-                    picture = pixels[..., same if len(same) > 1 else start]
-                    passes[f"{name.rpartition('.')[2]}.{letters}"] = picture
+            if pixels is not None:
+                passes |= _passes_of_part(pixels, spec.channelnames)
             part += 1
     finally:
         file.close()
+    return passes
+
+
+def _passes_of_part(pixels: NDArray[Any], channels: Sequence[str]) -> Pixels:
+    """Return the passes of (H, W, N) pixels; a channel is ``ViewLayer.Normal.X``, its pass ``Normal.XYZ``."""
+    letters: dict[str, list[str]] = {}
+    indices: dict[str, list[int]] = {}
+    for index, channel in enumerate(channels):
+        name, letter = channel.rsplit(".", 1)
+        letters.setdefault(name, []).append(letter)
+        indices.setdefault(name, []).append(index)
+    passes: Pixels = {}
+    for name in letters:
+        first_three = indices[name][:3]  # without alpha
+        picture = pixels[..., first_three[0]] if len(first_three) == 1 else pixels[..., first_three]
+        passes[f"{name.rpartition('.')[2]}.{''.join(letters[name][:3])}"] = picture
     return passes
 
 

@@ -72,7 +72,14 @@ _RGBA_OF_MATERIAL = np.array((0.5, 0.5, 0.5, 1.0), np.float32)
 
 
 def choose(mujoco: Any, option: Any, groups: NDArray[np.uint8], data: str) -> None:
-    """Set an ``MjvOption`` to draw what :data:`FLAGS` and :data:`PARTS` say, with ``rays`` or ``raster``."""
+    """Set what is drawn, as :data:`FLAGS` and :data:`PARTS` say.
+
+    Args:
+        mujoco: the package.
+        option: an ``MjvOption``, which is changed.
+        groups: (6,) of geoms, 1 for those that are shown.
+        data: ``rays`` or ``raster``, as of the settings.
+    """
     drawn = ("always", "raster") if data == "raster" else ("always",)
     option.flags[:] = 0
     for name, shown in FLAGS.items():
@@ -98,14 +105,23 @@ def met_opacity(m: Any) -> Array:
     """Return (ngeom,) the opacity that rays ask for: the material's, where there is one. They pass what has
     none."""
     own = m.geom_rgba[:, 3]
-    return np.asarray(np.where(m.geom_matid >= 0, m.mat_rgba[m.geom_matid, 3], own) if m.nmat else own)
+    if not m.nmat:
+        return np.asarray(own)
+    return np.asarray(np.where(m.geom_matid >= 0, m.mat_rgba[m.geom_matid, 3], own))
 
 
 def soft_objects(mujoco: Any, m: Any) -> list[tuple[str, int, str]]:
-    """Return kind, number and name of what only the renderer shows: spatial tendons, flexes and skins of the
-    groups that a viewer shows. Transparent ones are put into a group that is not."""
+    """Return kind, number and name of what only the renderer shows of a model.
+
+    These are spatial tendons, flexes and skins of the groups that a viewer shows. Transparent ones are put
+    into a group that is not.
+
+    Args:
+        mujoco: the package.
+        m: an ``MjModel``.
+    """
     viewer = mujoco.MjvOption()
-    found = []
+    objects = []
     for kind in SOFT:
         groups = getattr(m, f"{kind}_group")
         for i in range(len(groups)):
@@ -113,8 +129,8 @@ def soft_objects(mujoco: Any, m: Any) -> list[tuple[str, int, str]]:
                 groups[i] = HIDDEN
             is_drawn = kind != "tendon" or m.wrap_type[m.tendon_adr[i]] != mujoco.mjtWrap.mjWRAP_JOINT
             if is_drawn and getattr(viewer, f"{kind}group")[np.clip(groups[i], 0, HIDDEN)]:
-                found.append((kind, i, _name(mujoco, m, kind, i) or f"{kind} {i}"))
-    return found
+                objects.append((kind, i, _name(mujoco, m, kind, i) or f"{kind} {i}"))
+    return objects
 
 
 def _name(mujoco: Any, m: Any, kind: str, i: int) -> str | None:
@@ -149,7 +165,7 @@ class Planes(NamedTuple):
 
     @classmethod
     def of(cls, mujoco: Any, m: Any) -> "Planes":
-        """Return the planes of a model."""
+        """Return the planes of ``m``, an ``MjModel`` of the package ``mujoco``."""
         geoms = np.flatnonzero(m.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE))
         far_m = m.vis.map.zfar * m.stat.extent
         tile_m = np.full((len(geoms), 2), _BEYOND_FAR * far_m / (GRID - 2))
@@ -169,27 +185,48 @@ class Planes(NamedTuple):
         return np.flatnonzero(np.isfinite(self.half_m).any(axis=1))
 
     def seen_from_behind(self, d: Any, center_w: Array) -> NDArray[np.int64]:
-        """Return the geoms of the planes whose back an optical centre sees."""
+        """Return the geoms of the planes whose back an optical centre sees.
+
+        ``center_w`` is (3,) metres, world frame; ``d`` is the ``MjData``.
+        """
         toward = center_w - d.geom_xpos[self.geoms]
         facing = (toward * d.geom_xmat[self.geoms][:, 2::3]).sum(axis=1)
         return np.asarray(self.geoms[facing < 0])
 
     def middle(self, d: Any, plane: int, center_w: Array) -> Array:
-        """Return (2,) the middle of a plane's rectangle along its axes, metres, seen from a centre."""
+        """Return (2,) the middle of a plane's rectangle along its axes, metres, seen from a centre.
+
+        Args:
+            d: the ``MjData``.
+            plane: index into :attr:`geoms`.
+            center_w: (3,) the optical centre, metres, world frame.
+        """
         local = self._local(d, plane, center_w)
         endless = np.isfinite(self.step_m[plane])
         step_m = np.where(endless, self.step_m[plane], 1.0)
         return np.where(endless, step_m * np.round(local / step_m), 0.0)
 
     def position_w(self, d: Any, plane: int, center_w: Array) -> Array:
-        """Return (3,) where the renderer draws a plane, seen from an optical centre."""
+        """Return (3,) where the renderer draws a plane, metres, seen from an optical centre.
+
+        Args:
+            d: the ``MjData``.
+            plane: index into :attr:`geoms`.
+            center_w: (3,) the optical centre, metres, world frame.
+        """
         geom = self.geoms[plane]
         axes_w = d.geom_xmat[geom].reshape(3, 3)[:, :2]
         return np.asarray(d.geom_xpos[geom] + axes_w @ self.middle(d, plane, center_w))
 
     def beyond(self, d: Any, plane: int, center_w: Array, points_w: Array) -> NDArray[np.bool_]:
-        """Return (N,) whether points (N, 3) of a plane lie beyond its rectangle, seen from an optical
-        centre."""
+        """Return (N,) whether points of a plane lie beyond its rectangle, seen from an optical centre.
+
+        Args:
+            d: the ``MjData``.
+            plane: index into :attr:`geoms`.
+            center_w: (3,) the optical centre, metres, world frame.
+            points_w: (N, 3) the points, likewise.
+        """
         away = np.abs(self._local(d, plane, points_w) - self.middle(d, plane, center_w))
         return np.asarray((away > self.half_m[plane]).any(axis=-1))
 
@@ -199,13 +236,22 @@ class Planes(NamedTuple):
         return np.asarray((points_w - d.geom_xpos[geom]) @ d.geom_xmat[geom].reshape(3, 3)[:, :2])
 
 
-_TOLD_FIRST = ("geom_pos", "body_pos", "geom_quat", "body_quat", "qpos0")
+_CHECKED_FIRST = ("geom_pos", "body_pos", "geom_quat", "body_quat", "qpos0")
 
 
 def check_finite(mujoco: Any, m: Any, d: Any) -> None:
-    """Refuse a model, or its state, with NaN or infinite numbers: MuJoCo leaves out what has them."""
-    names = [name for name in dir(m) if not name.startswith("_") and name not in _TOLD_FIRST]
-    for name in (*_TOLD_FIRST, *names):
+    """Raise ArgumentError for a model, or its state, with NaN or infinite numbers.
+
+    MuJoCo leaves out what has them.
+
+    Args:
+        mujoco: the package.
+        m: an ``MjModel``.
+        d: its ``MjData``.
+    """
+    for name in dict.fromkeys((*_CHECKED_FIRST, *dir(m))):
+        if name.startswith("_"):
+            continue
         values = getattr(m, name)
         if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or np.isfinite(values).all():
             continue
@@ -221,7 +267,7 @@ def check_finite(mujoco: Any, m: Any, d: Any) -> None:
 
 
 def check_state(d: Any) -> None:
-    """Refuse a state with NaN or infinite numbers."""
+    """Raise ArgumentError for a state, an ``MjData``, with NaN or infinite numbers."""
     for name in ("qpos", "qvel", "act", "mocap_pos", "mocap_quat"):
         values = getattr(d, name)
         if not np.isfinite(values).all():

@@ -1,5 +1,6 @@
 """A MuJoCo model at an instant: what is placed, hidden and drawn; its objects, their boxes, and rays."""
 
+import itertools
 import math
 import threading
 from collections.abc import Collection, Iterator, Mapping
@@ -44,8 +45,9 @@ _MOST_OBJECTS = 0xFFFF
 _ENDLESS_M = 1e10
 _FAR_EXTENTS = 200
 """Farther than as many sizes of the model nothing is drawn or met, if that is more than :data:`FAR_M`."""
-_DIVERGING = "POS", "VEL", "ACC"
-_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+_DIVERGING = ("BADQPOS", "BADQVEL", "BADQACC")
+"""MuJoCo's warnings of physics that are no longer finite."""
+_CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 _ANYWHERE = np.array([0, 0, 0, 1e6, 1e6, 1e6])  # centre and half size of a box that holds every scene
 
 
@@ -77,44 +79,55 @@ class Model:
         self._track: Array | None = None
         self._start()
         check_finite(mujoco, model, data)
-        self._window_px = int(model.vis.global_.offwidth), int(model.vis.global_.offheight)
+        self._window_px = (int(model.vis.global_.offwidth), int(model.vis.global_.offheight))
         self.far_m = max(FAR_M, _FAR_EXTENTS * float(model.stat.extent))
         self.planes = Planes.of(mujoco, model)
+        self._name_objects()
+        self._label()
+        self._unchanged = {name: getattr(model, name).copy() for name in _CHANGED}
+        self._shown: tuple[Any, ...] | None = None
+        self._walked = (0, self.begin)  # steps of physics, and the state after them
+
+    def _name_objects(self) -> None:
+        """Find the objects, their geoms, and which of them are shown; ArgumentError for too many."""
+        model = self.m
         visible = opacity(model) > 0
-        # rays pass them, too
+        # Rays pass invisible geoms, too:
         model.geom_matid[~visible] = -1
         model.geom_rgba[~visible, 3] = 0
         self._passed = np.flatnonzero(visible & (met_opacity(model) == 0))
-        self.handles, object_of = _objects(mujoco, model, settings.by)
-        self.groups = np.array([str(group) in settings.groups for group in range(_GROUPS)], np.uint8)
+        self.handles, self._object_of = _objects(self.mujoco, model, self.settings.by)
+        self.groups = np.array([str(group) in self.settings.groups for group in range(_GROUPS)], np.uint8)
         names = list(self.handles)
         drawn = (self.groups[model.geom_group] > 0) & visible
-        shown = {names[i] for i in object_of[drawn]}
-        self.soft = self._soft_handles(shown) if settings.data == "raster" else {}
-        self.ids = {name: 1 + i for i, name in enumerate(sorted({*shown, *self.soft}))}
+        shown_names = {names[i] for i in self._object_of[drawn]}
+        self.soft = self._soft_handles(shown_names) if self.settings.data == "raster" else {}
+        self.ids: dict[str, int] = {}
+        for label, name in enumerate(sorted({*shown_names, *self.soft}), start=1):
+            self.ids[name] = label
         if len(self.ids) > _MOST_OBJECTS:
-            got = f"{len(self.ids)}; use body"
-            raise ArgumentError(f"by: expected at most {_MOST_OBJECTS} objects, got {got}")
-        labels = [self.ids.get(names[i], 0) for i in object_of]
-        soft = {(handle.kind, handle.number): name for name, handle in self.soft.items()}
-        counts = {kind: getattr(model, f"n{kind}") for kind in SOFT}
+            actual = f"{len(self.ids)}; use body"
+            raise ArgumentError(f"by: expected at most {_MOST_OBJECTS} objects, got {actual}")
+
+    def _label(self) -> None:
+        """Set the label of all that is drawn: of geoms, then of each kind that only the renderer shows."""
+        names = list(self.handles)
+        labels = [self.ids.get(names[i], 0) for i in self._object_of]
         self.first_of = {"geom": 0}  # index of the first of a kind among all that is drawn
-        for kind, count in counts.items():
+        for kind in SOFT:
             self.first_of[kind] = len(labels)
-            labels += [self.ids.get(soft.get((kind, i), ""), 0) for i in range(count)]
+            labels += [0] * getattr(self.m, f"n{kind}")
+        for name, handle in self.soft.items():
+            labels[self.first_of[handle.kind] + handle.number] = self.ids[name]
         self.label_of = np.array([*labels, 0], np.uint16)  # the last one of nothing
-        self._object_of = object_of
-        self._unchanged = {name: getattr(model, name).copy() for name in _CHANGED}
-        self._shown: tuple[Any, ...] | None = None
-        self._walked = 0, self.begin
 
     def _soft_handles(self, taken: Collection[str]) -> dict[str, Handle]:
         """Return by name what only the renderer shows; names of other objects get the kind behind them."""
-        found = {}
+        handles: dict[str, Handle] = {}
         for kind, number, name in soft_objects(self.mujoco, self.m):
-            unique = name if name not in taken and name not in found else f"{name} ({kind} {number})"
-            found[unique] = Handle(kind, number)
-        return found
+            is_unique = name not in taken and name not in handles
+            handles[name if is_unique else f"{name} ({kind} {number})"] = Handle(kind, number)
+        return handles
 
     def _start(self) -> None:
         """Bring the data to the keyframe and ``qpos`` of the settings."""
@@ -125,8 +138,9 @@ class Model:
             name = str(keyframe)
             key = int(name) if name.isdigit() else self.mujoco.mj_name2id(self.m, kind, name)
             if not 0 <= key < self.m.nkey:
-                known = ", ".join(self.m.key(i).name or str(i) for i in range(self.m.nkey)) or "none"
-                raise ArgumentError(f"keyframe: expected one of the model's: {known}; got {shown(keyframe)}")
+                known = [self.m.key(i).name or str(i) for i in range(self.m.nkey)]
+                expected = f"expected one of the model's: {', '.join(known) or 'none'}"
+                raise ArgumentError(f"keyframe: {expected}; got {shown(keyframe)}")
             self.mujoco.mj_resetDataKeyframe(self.m, self.d, key)
         if qpos is not None and qpos.ndim == 2:
             self._track = qpos
@@ -161,10 +175,13 @@ class Model:
     ) -> None:
         """Bring the world to an instant; nothing is done where it is shown already.
 
-        ``begin`` is the state at time 0, as :meth:`state_of` returns it; ``hidden`` objects are left out,
-        those of ``poses`` moved; the instant has its time, and what was drawn of lights and materials.
+        Args:
+            begin: the state at time 0, as :meth:`state_of` returns it.
+            hidden: the objects that are left out.
+            instant: its time, and what was drawn of lights and materials.
+            poses: of the objects that are moved.
         """
-        key = begin.tobytes(), frozenset(hidden), instant.state, frozenset(poses)
+        key = (begin.tobytes(), frozenset(hidden), instant.state, frozenset(poses))
         if key == self._shown:
             return
         self._shown = None  # until all is done
@@ -179,13 +196,7 @@ class Model:
         for name in sorted(poses, key=self._tree_depth):
             self._place(self.handles[name], poses[name])
             self._compute()
-        names = list(self.handles)
-        gone = np.array([names[i] in hidden for i in self._object_of], np.bool_)
-        # rays and the renderer pass through
-        self.m.geom_matid[gone] = -1
-        self.m.geom_rgba[gone, 3] = 0
-        for kind, number in (self.soft[name] for name in hidden if name in self.soft):
-            getattr(self.m, f"{kind}_group")[number] = HIDDEN
+        self._hide(hidden)
         for name, values in instant.varied.get("lights", {}).items():
             self._set("light", self.lights()[name], values, LIGHT)
         for name, values in instant.varied.get("materials", {}).items():
@@ -193,9 +204,23 @@ class Model:
         self._compute()
         self._shown = key
 
+    def _hide(self, objects: Collection[str]) -> None:
+        """Let rays and the renderer pass through some objects."""
+        names = list(self.handles)
+        is_hidden = np.array([names[i] in objects for i in self._object_of], np.bool_)
+        self.m.geom_matid[is_hidden] = -1
+        self.m.geom_rgba[is_hidden, 3] = 0
+        for name in objects:
+            if name in self.soft:
+                kind, number = self.soft[name]
+                getattr(self.m, f"{kind}_group")[number] = HIDDEN
+
     def lights(self) -> dict[str, int]:
         """Return the number of each light by its name."""
-        return {self.m.light(i).name or f"light {i}": i for i in range(self.m.nlight)}
+        numbers = {}
+        for i in range(self.m.nlight):
+            numbers[self.m.light(i).name or f"light {i}"] = i
+        return numbers
 
     def materials(self) -> list[str]:
         """Return the names of the materials."""
@@ -243,13 +268,15 @@ class Model:
 
     def _walk(self, steps: int) -> None:
         """Simulate steps of physics; ArgumentError where they diverge: MuJoCo begins anew then."""
-        bad = [self.d.warning[getattr(self.mujoco.mjtWarning, f"mjWARN_BADQ{key}")] for key in _DIVERGING]
-        for warning in bad:
+        warnings = []
+        for name in _DIVERGING:
+            warning = self.d.warning[getattr(self.mujoco.mjtWarning, f"mjWARN_{name}")]
             warning.number = 0
+            warnings.append(warning)
         for _ in range(steps):
             time = self.d.time
             self.mujoco.mj_step(self.m, self.d)
-            if any(warning.number for warning in bad):
+            if any(warning.number for warning in warnings):
                 expected = "expected a model whose physics stay finite, got none after"
                 raise ArgumentError(f"time: {expected} {time:.6g} s; give it a smaller timestep")
 
@@ -275,7 +302,7 @@ class Model:
         depth = 0
         while body:
             body = self.m.body_parentid[body]
-            depth = depth + 1
+            depth += 1
         return 2 * depth + (kind == "geom")
 
     def _place(self, handle: Handle, pose: Pose) -> None:
@@ -287,15 +314,21 @@ class Model:
         if handle.kind == "geom":
             body = m.geom_bodyid[i]
             local = np.linalg.inv(_matrix(d.xpos[body], d.xmat[body])) @ _matrix(pose.position, pose.rotation)
-            m.geom_pos[i], m.geom_quat[i], m.geom_sameframe[i] = local[:3, 3], self._quaternion(local), 0
+            m.geom_pos[i] = local[:3, 3]
+            m.geom_quat[i] = self._quaternion(local)
+            m.geom_sameframe[i] = 0
             return
         joints = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i])
+        free_joints = [joint for joint in joints if m.jnt_type[joint] == free]
+        mocap = m.body_mocapid[i]
         target = _matrix(pose.position, pose.rotation)
-        if joint := [joint for joint in joints if m.jnt_type[joint] == free]:
-            at = m.jnt_qposadr[joint[0]]
-            d.qpos[at : at + 3], d.qpos[at + 3 : at + 7] = pose.position, self._quaternion(target)
-        elif (mocap := m.body_mocapid[i]) >= 0:
-            d.mocap_pos[mocap], d.mocap_quat[mocap] = pose.position, self._quaternion(target)
+        if free_joints:
+            at = m.jnt_qposadr[free_joints[0]]
+            d.qpos[at : at + 3] = pose.position
+            d.qpos[at + 3 : at + 7] = self._quaternion(target)
+        elif mocap >= 0:
+            d.mocap_pos[mocap] = pose.position
+            d.mocap_quat[mocap] = self._quaternion(target)
         else:  # its frame in its parent, such that the joints as they are give the pose
             parent = m.body_parentid[i]
             T_w_p = _matrix(d.xpos[parent], d.xmat[parent])
@@ -303,7 +336,8 @@ class Model:
             R = np.empty(9)
             self.mujoco.mju_quat2Mat(R, m.body_quat[i])
             frame = np.linalg.inv(T_w_p) @ target @ np.linalg.inv(T_w_i) @ T_w_p @ _matrix(m.body_pos[i], R)
-            m.body_pos[i], m.body_quat[i] = frame[:3, 3], self._quaternion(frame)
+            m.body_pos[i] = frame[:3, 3]
+            m.body_quat[i] = self._quaternion(frame)
 
     def _quaternion(self, matrix: Array) -> Array:
         q = np.empty(4)
@@ -315,9 +349,13 @@ class Model:
     def pose(self, name: str) -> Pose:
         """Return where an object is: its frame's position, and ``R_w_o``."""
         kind, i = self.handles[name]
-        at, R = (self.d.xpos, self.d.xmat) if kind == "body" else (self.d.geom_xpos, self.d.geom_xmat)
-        u, _, v = np.linalg.svd(R[i].reshape(3, 3))
-        return Pose(at[i].copy(), u @ v)
+        if kind == "body":
+            position = self.d.xpos[i]
+            rotation = self.d.xmat[i]
+        else:
+            position = self.d.geom_xpos[i]
+            rotation = self.d.geom_xmat[i]
+        return Pose(position.copy(), _orthonormal(rotation.reshape(3, 3)))
 
     def own_views(self) -> dict[str, View]:
         """Return the views of the model's cameras by name, where they are now: perspective ones whose optical
@@ -334,18 +372,19 @@ class Model:
             across = math.tan(math.radians(self.m.cam_fovy[i]) / 2) * width / height
             if self.m.cam_sensorsize[i, 0]:
                 across = self.m.cam_sensorsize[i, 0] / 2 / self.m.cam_intrinsic[i, 0]
-            u, _, v = np.linalg.svd(self.d.cam_xmat[i].reshape(3, 3) * (1, -1, -1))  # MuJoCo: y up, z back
+            R_w_c = _orthonormal(self.d.cam_xmat[i].reshape(3, 3) * (1, -1, -1))  # MuJoCo: y up, z back
             fov_deg = math.degrees(2 * math.atan(across))
-            views[name] = View(Pose(self.d.cam_xpos[i].copy(), u @ v), fov_deg, width, height)
+            views[name] = View(Pose(self.d.cam_xpos[i].copy(), R_w_c), fov_deg, width, height)
         return views
 
     def movable(self) -> list[str]:
         """Return the names of the objects that physics moves."""
-        bodies = {
-            name: index if kind == "body" else self.m.geom_bodyid[index]
-            for name, (kind, index) in self.handles.items()
-        }
-        return [name for name, body in bodies.items() if self.m.body_weldid[body] and name in self.ids]
+        movable = []
+        for name, (kind, index) in self.handles.items():
+            body = index if kind == "body" else self.m.geom_bodyid[index]
+            if self.m.body_weldid[body] and name in self.ids:
+                movable.append(name)
+        return movable
 
     def box(self, name: str) -> ObjectBox | None:
         """Return the box around an object's geoms, in its own axes; None around a plane, which has no end."""
@@ -360,12 +399,16 @@ class Model:
         R_w_g = self.d.geom_xmat[geoms].reshape(-1, 1, 3, 3)
         corners = ((middles + _CORNERS * halves)[..., None, :] @ np.swapaxes(R_w_g, -1, -2))[..., 0, :]
         along = (corners + self.d.geom_xpos[geoms, None] - frame.position).reshape(-1, 3) @ frame.rotation
-        low, high = along.min(axis=0), along.max(axis=0)
+        low = along.min(axis=0)
+        high = along.max(axis=0)
         center = frame.position + frame.rotation @ ((low + high) / 2)
         return ObjectBox.of(center, frame.rotation.T, high - low, "vertices")
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
-        """Return what rays meet: see :meth:`omniscv.sources.Source.trace`."""
+        """Return what rays meet: see :meth:`omniscv.sources.Source.trace`.
+
+        ``origins_w`` are (..., 3) metres, or (3,) of all rays; ``directions_w`` (..., 3) unit vectors.
+        """
         shape = directions_w.shape[:-1]
         rays = np.ascontiguousarray(directions_w.reshape(-1, 3), np.float64)
         geom = np.full(len(rays), -1, np.int32)
@@ -373,11 +416,11 @@ class Model:
         normal = np.zeros((len(rays), 3))
         used = np.flatnonzero(np.isfinite(rays).all(axis=1))  # a ray with NaN meets nothing
         points = np.reshape(origins_w, (-1, 3))
-        of = np.zeros(len(used), np.int64)
+        point_of = np.zeros(len(used), np.int64)
         if np.ndim(origins_w) > 1:
-            points, of = np.unique(points[used], axis=0, return_inverse=True)
-        order = np.argsort(of.ravel(), kind="stable")
-        ends = np.cumsum(np.bincount(of.ravel(), minlength=len(points)))[:-1]
+            points, point_of = np.unique(points[used], axis=0, return_inverse=True)
+        order = np.argsort(point_of.ravel(), kind="stable")
+        ends = np.cumsum(np.bincount(point_of.ravel(), minlength=len(points)))[:-1]
         with self._without(self._passed, met=True):
             for point, rows in zip(points, np.split(used[order], ends), strict=False):
                 geom[rows], distance[rows], normal[rows] = self._meet(point, rays[rows])
@@ -396,8 +439,8 @@ class Model:
         distance = np.full(count, -1.0)
         normal = np.zeros(3 * count)
         aimed = np.ascontiguousarray(rays).ravel()
-        found = geom, distance, normal, count, _ENDLESS_M
-        self.mujoco.mj_multiRay(self.m, self.d, point, aimed, self.groups, 1, -1, *found)
+        results = (geom, distance, normal)
+        self.mujoco.mj_multiRay(self.m, self.d, point, aimed, self.groups, 1, -1, *results, count, _ENDLESS_M)
         normals = normal.reshape(-1, 3)
         for plane in self.planes.endless:
             met = np.flatnonzero(geom == self.planes.geoms[plane])
@@ -437,11 +480,11 @@ def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[n
         handle = Handle("geom", geom) if by == "geom" or body == 0 else Handle("body", body)
         if handle not in index_of:
             form = mujoco.mjtGeom(m.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
-            unnamed = f"{m.body(body).name or f'body {body}'}/{form}{geom - m.body_geomadr[body]}"
-            own = (
-                m.geom(geom).name or unnamed if handle.kind == "geom" else m.body(body).name or f"body {body}"
-            )
-            name = own if own not in handles else f"{own} ({handle.kind} {handle.number})"
+            name = m.body(body).name or f"body {body}"
+            if handle.kind == "geom":
+                name = m.geom(geom).name or f"{name}/{form}{geom - m.body_geomadr[body]}"
+            if name in handles:
+                name = f"{name} ({handle.kind} {handle.number})"
             index_of[handle] = len(handles)
             handles[name] = handle
         object_of.append(index_of[handle])
@@ -449,6 +492,14 @@ def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[n
 
 
 def _matrix(position: Any, rotation: Any) -> Array:
+    """Return (4, 4) the transformation of a frame at a position (3,) with a rotation (3, 3)."""
     T = np.eye(4)
-    T[:3, 3], T[:3, :3] = position, np.reshape(rotation, (3, 3))
+    T[:3, 3] = position
+    T[:3, :3] = np.reshape(rotation, (3, 3))
     return T
+
+
+def _orthonormal(rotation: Array) -> Array:
+    """Return the rotation matrix that is nearest to (3, 3), whose last digits are off."""
+    u, _, v = np.linalg.svd(rotation)
+    return np.asarray(u @ v)

@@ -62,7 +62,8 @@ class Renderer:
             if item.segid >= 0 and kind is not None:
                 shown_by[item.segid + 1] = first_of[kind] + item.objid
         codes = rgb[::-1] @ np.array([1, 1 << 8, 1 << 16])
-        near, far = np.float32(NEAR_M), np.float32(self._model.far_m)
+        near = np.float32(NEAR_M)
+        far = np.float32(self._model.far_m)
         # The renderer's own matrix, in its float32: with exact numbers depth is off by 0.4 mm.
         shift = np.float32(-0.5) * (-(far + near) / (far - near)) - np.float32(0.5)
         scale = np.float32(-0.5) * (-(np.float32(2) * far * near) / (far - near))
@@ -92,7 +93,8 @@ class Renderer:
         self._context.make_current()
         m.vis.quality.numslices = self._model.settings.numslices
         m.vis.quality.numstacks = self._model.settings.numslices // 2
-        m.vis.global_.offwidth = m.vis.global_.offheight = _FIRST_PX
+        m.vis.global_.offwidth = _FIRST_PX
+        m.vis.global_.offheight = _FIRST_PX
         samples = m.vis.quality.offsamples
         self._contexts = {}
         for kind in (_LIT, _DATA):
@@ -103,8 +105,9 @@ class Renderer:
         self._scene = mujoco.MjvScene(m, maxgeom=m.ngeom + m.nflex + m.nskin + _PER_WRAP * m.nwrap + 1000)
         self._option = mujoco.MjvOption()
         choose(mujoco, self._option, self._model.groups, self._model.settings.data)
-        names = "geom", *SOFT
-        self._kinds = {int(getattr(mujoco.mjtObj, f"mjOBJ_{name.upper()}")): name for name in names}
+        self._kinds: dict[int, str] = {}  # by MuJoCo's number of a type of object
+        for kind in ("geom", *SOFT):
+            self._kinds[int(getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"))] = kind
 
     def _free(self) -> None:
         for context in self._contexts.values():
@@ -117,8 +120,9 @@ class Renderer:
         context = self._contexts[kind]
         size = (view.width, view.height)
         if context.offWidth < size[0] or context.offHeight < size[1]:
-            larger = max(size[0], context.offWidth), max(size[1], context.offHeight)
-            mujoco.mjr_resizeOffscreen(*larger, context)
+            width = max(view.width, context.offWidth)
+            height = max(view.height, context.offHeight)
+            mujoco.mjr_resizeOffscreen(width, height, context)
         # Before every picture: after a change of size, ids are garbage without it.
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
@@ -156,10 +160,12 @@ class Renderer:
     def _place_planes(self, view: View) -> None:
         """Draw infinite planes where rays meet them; MuJoCo places them by the view that was drawn before."""
         planes = self._model.planes
-        left = {int(planes.geoms[plane]): int(plane) for plane in planes.endless}
-        for item in self._scene.geoms[: self._scene.ngeom] if left else ():
-            if item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM and item.objid in left:
-                item.pos = planes.position_w(self._model.d, left[item.objid], view.pose.position)
+        plane_of = {int(planes.geoms[plane]): int(plane) for plane in planes.endless}  # by geom
+        if not plane_of:
+            return
+        for item in self._scene.geoms[: self._scene.ngeom]:
+            if item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM and item.objid in plane_of:
+                item.pos = planes.position_w(self._model.d, plane_of[item.objid], view.pose.position)
 
     def _set_effects(self, is_lit: bool) -> None:
         flags = self._scene.flags
@@ -167,7 +173,8 @@ class Renderer:
         for name in (names.mjRND_SHADOW, names.mjRND_REFLECTION, names.mjRND_SKYBOX, names.mjRND_HAZE):
             flags[name] = is_lit
         flags[names.mjRND_FOG] = is_lit and self._model.settings.fog
-        flags[names.mjRND_SEGMENT] = flags[names.mjRND_IDCOLOR] = not is_lit
+        flags[names.mjRND_SEGMENT] = not is_lit
+        flags[names.mjRND_IDCOLOR] = not is_lit
         flags[names.mjRND_CULL_FACE] = False  # rays meet both sides of a mesh
 
     def _set_headlight(self, light: Any, view: View) -> None:
@@ -184,7 +191,10 @@ class Renderer:
             light.exponent = 0
             light.attenuation = (1, 0, 0)
             return
-        light.ambient = light.ambient + 0.5 * light.diffuse if mode == "ambient" else 0 * light.ambient
+        if mode == "ambient":
+            light.ambient = light.ambient + 0.5 * light.diffuse
+        else:
+            light.ambient = 0 * light.ambient
         light.diffuse = 0 * light.diffuse
         light.specular = 0 * light.specular
 
@@ -195,10 +205,16 @@ def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) 
     It is that of float32, and on what is round that of its facets: with N around and M from pole to pole they
     lie up to ``sag = r (1 - cos(pi / N) cos(pi / 2M))`` inside. A ray that meets the surface at an angle goes
     ``1.5 sag / cos`` farther, where it touches it at most the chord behind that depth.
+
+    Args:
+        model: a :class:`omniscv.sources.mujoco.model.Model`.
+        geom: (H, W) what each pixel shows, as of :meth:`Renderer.geoms_and_depth`.
+        depth: (H, W) planar, metres.
+        view: what was rendered.
     """
     lengths = view.ray_lengths()
-    seen = np.isfinite(depth)
-    distance = np.where(seen, depth, 0.0) * lengths
+    is_surface = np.isfinite(depth)
+    distance = np.where(is_surface, depth, 0.0) * lengths
     cos = np.maximum(_cosines(depth, lengths, view), _STEEPEST)
     size = np.abs(view.pose.position).max() + distance
     planes = model.planes
@@ -208,23 +224,31 @@ def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) 
     size = np.where(cell_m[geom] > 0, _OF_A_GRID * (size + cell_m[geom]), size)
     error = DEPTH_ERROR * distance + POSITION_ERROR * size / cos
     slices = model.settings.numslices
-    kinds = model.mujoco.mjtGeom
-    radius_of = np.zeros(len(model.label_of))
-    round_ = {
-        int(kinds.mjGEOM_ELLIPSOID): 3,
-        **dict.fromkeys(map(int, (kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER)), 1),
-    }
-    for kind, radii in (("tendon", model.m.tendon_width), ("flex", model.m.flex_radius)):
-        first = model.first_of[kind]
-        radius_of[first : first + len(radii)] = radii
-    for index in np.unique(geom[(geom >= 0) & (geom < model.m.ngeom)]):
-        radii = round_.get(int(model.m.geom_type[index]), 0)
-        radius_of[index] = model.m.geom_size[index, :radii].max(initial=0)
+    radius_of = _radii(model, geom)
     sag_of = radius_of * (1 - np.cos(np.pi / slices) * np.cos(np.pi / (2 * (slices // 2))))
     sag = sag_of[geom]
     radius = radius_of[geom]
     error += np.minimum(1.5 * sag / cos, np.sqrt(2 * radius * sag) + sag)
-    return np.where(seen, error, 0.0)
+    return np.where(is_surface, error, 0.0)
+
+
+def _radii(model: Any, geom: NDArray[np.int32]) -> Array:
+    """Return by index the radius of what pixels show and is round, metres; 0 of all else."""
+    kinds = model.mujoco.mjtGeom
+    size_count = {  # how many of a geom's sizes are radii
+        int(kinds.mjGEOM_ELLIPSOID): 3,
+        int(kinds.mjGEOM_SPHERE): 1,
+        int(kinds.mjGEOM_CAPSULE): 1,
+        int(kinds.mjGEOM_CYLINDER): 1,
+    }
+    radii = np.zeros(len(model.label_of))
+    for kind, radii_of_kind in (("tendon", model.m.tendon_width), ("flex", model.m.flex_radius)):
+        first = model.first_of[kind]
+        radii[first : first + len(radii_of_kind)] = radii_of_kind
+    for index in np.unique(geom[(geom >= 0) & (geom < model.m.ngeom)]):
+        count = size_count.get(int(model.m.geom_type[index]), 0)
+        radii[index] = model.m.geom_size[index, :count].max(initial=0)
+    return radii
 
 
 def _cosines(depth: Array, lengths: Array, view: View) -> Array:
@@ -236,7 +260,8 @@ def _cosines(depth: Array, lengths: Array, view: View) -> Array:
     for axis, focal in ((1, p.fx), (0, p.fy)):
         step = np.diff(w, axis=axis) * focal
         none = np.zeros_like(np.take(step, [0], axis))
-        first, last = np.insert(step, 0, 0, axis=axis), np.append(step, none, axis)
+        first = np.insert(step, 0, 0, axis=axis)
+        last = np.append(step, none, axis)
         slopes.append(np.where(np.abs(first) > np.abs(last), first, last))
     x = (np.arange(view.width) + 0.5 - p.cx) / p.fx
     y = (np.arange(view.height)[:, None] + 0.5 - p.cy) / p.fy

@@ -1,5 +1,6 @@
 """What an address or a job says of a MuJoCo model."""
 
+import io
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -26,11 +27,19 @@ def _groups(name: str, value: object) -> str:
 
 
 def _keyframe(name: str, value: object) -> str | None:
-    return None if value is None else str(value) if isinstance(value, int) else text(name, value)
+    if value is None:
+        return None
+    if isinstance(value, int):
+        return str(value)
+    return text(name, value)
 
 
 def _flag(name: str, value: object) -> bool:
-    return {"1": True, "0": False}[value] if value in ("0", "1") else flag(name, value)
+    if value == "1":
+        return True
+    if value == "0":
+        return False
+    return flag(name, value)
 
 
 @record
@@ -64,10 +73,22 @@ class Settings:
     fog: bool = checked(_flag, default=False)
 
 
+def _read_numbers(path: Path) -> Any:
+    """Return the array of a .npy file, or the rows of a text; ValueError or EOFError for another file."""
+    if path.name.endswith(".npy"):
+        return np.load(io.BytesIO(read_bytes(path, _MOST_BYTES)), allow_pickle=False)
+    return np.loadtxt(read_text(path).replace(",", " ").splitlines(), ndmin=2)
+
+
 def read_qpos(qpos: Any, size: int) -> Array | None:
     """Return ``qpos`` (size,), or a trajectory (n, 1 + size) with seconds that increase; None if not given.
 
-    Raises ArgumentError for another shape, or a file that has no numbers.
+    Args:
+        qpos: numbers, rows of numbers, the path of a file of them, or None.
+        size: how many numbers a state of the model has.
+
+    Raises:
+        ArgumentError: another shape, or a file that has no numbers.
     """
     if qpos is None:
         return None
@@ -76,16 +97,11 @@ def read_qpos(qpos: Any, size: int) -> Array | None:
     if isinstance(qpos, str | Path):
         where = f"qpos: {qpos}"
         try:
-            if str(qpos).endswith(".npy"):
-                import io
-
-                values = np.load(io.BytesIO(read_bytes(Path(qpos), _MOST_BYTES)), allow_pickle=False)
-            else:
-                lines = read_text(Path(qpos)).replace(",", " ").splitlines()
-                values = np.loadtxt(lines, ndmin=2)
+            values = _read_numbers(Path(qpos))
         except (ValueError, EOFError) as cause:
             raise ArgumentError(f"{where}: expected numbers, got: {cause}") from cause
-        values = values[0] if values.ndim == 2 and len(values) == 1 and values.shape[1] == size else values
+        if values.shape == (1, size):
+            values = values[0]
     array = numbers(where, values, (None,) if np.ndim(values) == 1 else (None, None))
     if array.shape == (size,):
         return array

@@ -80,7 +80,9 @@ class MujocoSource(Rendered):
     def capabilities(self) -> Capabilities:
         """Without normals and rays where data come from the renderer, without colours where it is off."""
         can = CAPABILITIES if self._settings.data == "rays" else _RASTER
-        return can if hasattr(self._model.mujoco, "GLContext") else replace(can, modes=can.modes - {"lit"})
+        if hasattr(self._model.mujoco, "GLContext"):
+            return can
+        return replace(can, modes=can.modes - {"lit"})
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ids, depth and normals of a view are made once."""
@@ -121,6 +123,7 @@ class MujocoSource(Rendered):
         return {"object_mask": _fixed(mask), "depth": _fixed(metres), "bounded": file.getvalue()}
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        """As :meth:`Source.trace`: from ``origins_w`` along ``directions_w``; not with ``data=raster``."""
         if self._settings.data == "raster":
             return super().trace(origins_w, directions_w)
         with self._shown() as model:
@@ -128,9 +131,13 @@ class MujocoSource(Rendered):
 
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects but planes, in their own axes."""
+        boxes = {}
         with self._shown() as model:
-            boxes = {name: model.box(name) for name in model.ids if name in model.handles}
-        return SceneGeometry({name: box for name, box in boxes.items() if box is not None})
+            for name in model.ids:
+                box = model.box(name) if name in model.handles else None
+                if box is not None:
+                    boxes[name] = box
+        return SceneGeometry(boxes)
 
     def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
         with self._shown() as model:
@@ -142,12 +149,15 @@ class MujocoSource(Rendered):
             return there.poses()
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        model = self._model
-        known = {"lights": (model.lights(), LIGHT), "materials": (model.materials(), MATERIAL)}
-        if kind in known:
-            return dict.fromkeys(*known[kind])
-        settings = super().variable(kind)
-        return {name: STATIC_SETTINGS if name in model.soft else settings[name] for name in settings}
+        if kind == "lights":
+            return dict.fromkeys(self._model.lights(), LIGHT)
+        if kind == "materials":
+            return dict.fromkeys(self._model.materials(), MATERIAL)
+        settings = dict(super().variable(kind))
+        for name in settings:
+            if name in self._model.soft:
+                settings[name] = STATIC_SETTINGS
+        return settings
 
     def at(self, instant: Instant) -> Source:
         soft = self._model.soft
@@ -238,8 +248,10 @@ def open_mujoco(address: str, **options: Any) -> Source:
     wanted = written.pop("camera", None)
     mujoco = _mujoco(address)
     try:
-        binary = path.endswith(".mjb")
-        model = (mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path)(path)
+        if path.endswith(".mjb"):
+            model = mujoco.MjModel.from_binary_path(path)
+        else:
+            model = mujoco.MjModel.from_xml_path(path)
     except (ValueError, OSError) as wrong:
         why = " ".join(str(wrong).split())
         raise ArgumentError(
@@ -262,14 +274,14 @@ def _advice_on_camera(known: Mapping[str, View], path: str, name: str) -> Argume
     """Return the error of an address that names one of the model's cameras: what a job has in its place."""
     one_of(f"source: {path}: camera", name, known)
     view = known[name]
-    yaw, pitch, roll = (round(angle, 9) + 0.0 for angle in view.pose.angles())
+    yaw, pitch, roll = [round(angle, 9) + 0.0 for angle in view.pose.angles()]  # no negative zero
     position = ", ".join(f"{value:.6g}" for value in view.pose.position)
     pose = f"position: [{position}], yaw_deg: {yaw:.10g}, pitch_deg: {pitch:.10g}, roll_deg: {roll:.10g}"
     lens = f"model: pinhole, width: {view.width}, height: {view.height}, fov_deg: {view.fov_deg:.9g}"
     instead = f"write poses: [{{{pose}}}] and cameras: {{{name}: {{{lens}}}}}"
     moving = f"or, where it moves, no poses and cameras: {{{name}: {{model: pinhole, of: {name}}}}}"
-    got = f"expected no camera in the address, got {shown(name)}"
-    return ArgumentError(f"source: {path}: {got}; {instead}; {moving}")
+    expected = f"expected no camera in the address, got {shown(name)}"
+    return ArgumentError(f"source: {path}: {expected}; {instead}; {moving}")
 
 
 _TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
