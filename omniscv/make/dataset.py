@@ -8,7 +8,7 @@ however it was made.
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -110,7 +110,8 @@ class Part:
 
     def _first(self, poses: Sequence[Pose], index: int) -> int:
         """Return the first pose of a part: of an even division, or the start of a run of one position."""
-        even, before = (len(poses) * i // self.count for i in (index, index - 1))
+        even = len(poses) * index // self.count
+        before = len(poses) * (index - 1) // self.count
         first = even
         while 0 < first < len(poses) and np.array_equal(poses[first].position, poses[first - 1].position):
             first -= 1
@@ -120,14 +121,20 @@ class Part:
 
 
 def parts_of(job: Job, frames: int | None = None) -> list[Part]:
-    """Return the parts of a job with about 16 frames each, the same ones every time; of several worlds, or of
-    a job that is limited to so many frames, by their number."""
+    """Return the parts of a ``job`` with about 16 frames each, the same ones every time.
+
+    ``frames`` is their number, if the job is limited to so many, or has several worlds; None: all frames of
+    one world.
+    """
     if frames is None or (frames == len(job) and not job.worlds):
         poses_each = max(1, _FRAMES // max(1, len(job.cameras)))
         count = -(-len(job.poses) // poses_each)
     else:
         count = -(-frames // _FRAMES)
-    count = max(1, count)
+    return _all_parts(max(1, count))
+
+
+def _all_parts(count: int) -> list[Part]:
     return [Part(index, count) for index in range(count)]
 
 
@@ -145,8 +152,8 @@ def make(
 
     Args:
         job: what to make.
-        existing: what happens to a dataset that is there: ``refuse``, ``resume`` it, where frames whose files
-            have their checksums are kept, or ``replace`` it.
+        existing: what happens to an existing dataset: ``refuse`` it, ``resume`` it, which keeps frames whose
+            files have their checksums, or ``replace`` it.
         shard: (i, n): only part i of n (:class:`Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
@@ -163,45 +170,68 @@ def make(
     whole_number("workers", workers, most=256)
     part = Part() if shard is None else Part(*shard)
     folder = storage.folder(job.out)
-    if existing == "replace" and shard:
-        raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
-    find_own(folder)  # refuses what is none, before anything is captured
-    if existing == "refuse" and not shard:
-        refuse_existing(folder)
+    _check_existing(folder, existing, is_shard=bool(shard))
     if job.worlds:  # one world is checked where it is opened, before the first capture
         job = check_worlds(job, dataset=True, opens=part.of)
     chosen = None if limit is None else chosen_keys(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
     how = _How(workers, progress, warn, existing == "replace", chosen)
     made, worlds, frames = _run(job, part, how)
-    if shard and complete and not made.written:
-        keys = {frame.key for frame in _listed(folder)}
-        if all(frame.key in keys for frame in frames):
-            folder.remove_files([part.marker])
-            return Made(0, made.kept)
+    if shard and complete and not made.written and _are_listed(folder, frames):
+        folder.remove_files([part.marker])
+        return Made(0, made.kept)
     unfinished = _unfinished(folder, part.count)
     if part in unfinished:  # another process has finished the dataset, and removed the markers
         return made
-    missing = sum(len(_keys(world, other, chosen)) for other in unfinished for world in worlds)
-    if chosen is not None and unfinished:
-        missing = max(1, missing)  # a part without chosen frames has a marker, too
+    missing = _count_missing(worlds, unfinished, chosen)
     if not missing:
         finish(job, part.count, warn)
     return replace(made, missing=missing)
 
 
+def _check_existing(folder: Folder, existing: str, is_shard: bool) -> None:
+    """Raise ArgumentError for a dataset in a folder that a job may not go on with, before any capture."""
+    if existing == "replace" and is_shard:
+        raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
+    find_own(folder)  # refuses a file of another program
+    if existing == "refuse" and not is_shard:
+        refuse_existing(folder)
+
+
+def _are_listed(folder: Folder, frames: Iterable[Frame]) -> bool:
+    """Return whether ``frames.jsonl`` lists all of some frames."""
+    listed = {frame.key for frame in _listed(folder)}
+    return listed.issuperset(frame.key for frame in frames)
+
+
+def _count_missing(worlds: Sequence[Job], unfinished: Sequence[Part], chosen: Collection[str] | None) -> int:
+    """Return the number of frames of unfinished parts; with chosen frames, at least 1 if there is one.
+
+    A part of which no frame is chosen has a marker, too.
+    """
+    missing = 0
+    for part in unfinished:
+        for world in worlds:
+            missing += len(_keys(world, part, chosen))
+    if chosen is not None and unfinished:
+        return max(1, missing)
+    return missing
+
+
 def chosen_keys(job: Job, count: int) -> frozenset[str]:
-    """Return so many keys of a job's frames: those whose SHA-256 is least."""
+    """Return ``count`` keys of a job's frames: those whose SHA-256 is least."""
     keys: list[str] = []
     for world in job.each:
         with nullcontext((world, None)) if world.sampling is None else opened(world) as (known, _):
             keys += keys_of(known)
-    return frozenset(sorted(keys, key=lambda key: hashlib.sha256(key.encode()).digest())[:count])
+    keys.sort(key=lambda key: hashlib.sha256(key.encode()).digest())
+    return frozenset(keys[:count])
 
 
 def _keys(job: Job, part: Part, chosen: Collection[str] | None) -> list[str]:
     """Return the keys of a part's frames, of those that are chosen."""
-    return [key for key in keys_of(job, part.poses(job.poses)) if chosen is None or key in chosen]
+    keys = keys_of(job, part.poses(job.poses))
+    return list(keys if chosen is None else filter(chosen.__contains__, keys))
 
 
 def run_part(
@@ -222,9 +252,11 @@ def run_part(
     of one that was interrupted, whole frames are kept.
 
     Args:
-        job, part: what to make.
+        job: what to make.
+        part: of its frames.
         source: the job's, without its recording; it stays open. One is opened for this part if not given.
-        warn, progress: as of :func:`make`.
+        warn: as of :func:`make`.
+        progress: as of :func:`make`.
         chosen: the keys of the frames that are made; of all if not given.
         begins: called with a frame's key before it is captured.
         lost: frames that are left out, as if they had failed, by key with their errors.
@@ -253,93 +285,21 @@ def _run(
     job: Job, part: Part, how: _How, source: Source | None = None
 ) -> tuple[Made, list[Job], list[Frame]]:
     """Make a part, world by world; return the counts, the worlds with their poses, and the frames."""
-    chosen = how.chosen
-    warn = how.warn or (lambda line: None)
-    contents = [check_dataset(world) for world in job.each]
-    check_keys(job)
-    folder = storage.folder(job.out)
-    settings = contents[0].settings(job)
-    failures = Failures(job.failures.skip * sum(map(frame_count, job.each)), warn)
-    labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
-    ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
-    worlds = list(job.each)
-    written = list[Frame]()
-    kept = 0
-    made = 0
-    for at, world in enumerate(job.each):
+    run = _PartRun(job, part, how)
+    for number in range(len(job.each)):
         try:
-            with ExitStack() as stack, opened(part.of(world), source) as (world, live):
-                worlds[at] = world = with_places(world)
-                scene = "/".join(name for name in astuple(live.scene_identity) if name)
-                planned = list(frames_by_instant(world, part.poses(world.poses), scene))
-                frames = [frame for shared in planned for frame in shared.frames]
-                frames = [frame for frame in frames if chosen is None or frame.key in chosen]
-                renderer = Renderer(live)
-                cameras = job.cameras if job.worlds else world.cameras
-                check_source(world, contents[at], renderer, planned)
-                if not job.worlds:
-                    check_faults(job, planned)
-                if how.replaces and at == 0:
-                    replace_dataset(folder)
-                names = live.objects().names() if labelled else ()  # those that the source has now
-                known = ids or manifest.with_names({}, names)
-                origin = Origin({world.world: origin_of(world, live)})
-                plan = _Plan(world, scene, planned if part.count == 1 else None)
-                writer = Writer(
-                    job.out,
-                    resume=True,
-                    keys=[frame.key for frame in frames],
-                    planned=Planned(plan.frames, [each.world for each in job.each], part.count > 1),
-                    image_format=job.image_format,
-                    store=job.store,
-                    depth_format=job.depth_format,
-                    begun=Manifest(cameras, known, contents[0].classes, settings, origin=origin),
-                    closed=part.count > 1,
-                    media=job.recipe.media,
-                )
-                stack.callback(writer.close)
-                writer.keep_marked((_read_marker(folder, writer.manifest, part) or ((), ()))[0])
-                writer.refuse(frame.key for frame in written)  # of the worlds before
-                missing = writer.missing(frames)
-                for frame in frames:
-                    if frame.key in missing and frame.key in how.lost:
-                        cause = SourceError(how.lost[frame.key])
-                        failures.add({frame.key: frame.varied}, world.world, cause)
-                maker = FrameMaker(
-                    world,
-                    contents[at],
-                    renderer,
-                    writer,
-                    how.workers,
-                    warn,
-                    failures,
-                    begins=how.begins,
-                    carefully=how.carefully,
-                )
-                maker.run(planned, missing - how.lost.keys(), how.progress)
-                written += writer.frames(frame.key for frame in frames if frame.key not in failures.lines)
-                kept += len(frames) - len(missing)
-                made += len(missing - failures.lines.keys())
+            run.make_world(number, source)
         except (SourceError, RecordingError) as cause:
             if not job.worlds:
                 raise
-            there = {frame.key for frame in written}
-            lost = [key for key in _keys(world, part, chosen) if key not in there] or [world.world]
-            with of_world(world):
-                failures.add({key: {} for key in lost}, world.world, cause)
-    lines = [frame.to_dict() for frame in written]
-    content = {"sha256": _checksum(lines), "frames": lines, "versions": versions()}
-    whole = manifest.read(folder)
-    made_worlds = () if whole.origin is None else tuple(whole.origin.worlds)
-    content["made_of"] = {world: whole.made_of(world) for world in made_worlds}
-    if failures.lines:
-        content["failed"] = list(failures.lines.values())
-    folder.put(part.marker, json.dumps(content, allow_nan=False).encode())
-    return Made(made, kept, failed=len(failures.lines)), worlds, written
+            run.lose_world(number, cause)
+    run.write_marker()
+    made = Made(run.made, run.kept, failed=len(run.failures.lines))
+    return made, run.worlds, run.written
 
 
 class _Plan(NamedTuple):
-    """The frames of a world: those of a part may be known, and all are found when they are asked for."""
+    """The frames of a world; None are known if only a part is planned, and all are planned when needed."""
 
     world: Job
     scene: str
@@ -350,7 +310,178 @@ class _Plan(NamedTuple):
         planned = self.known
         if planned is None:
             planned = list(frames_by_instant(self.world, scene=self.scene))
-        return [frame for shared in planned for frame in shared.frames]
+        return _frames_of(planned)
+
+
+def _frames_of(planned: Iterable[SharedFrames]) -> list[Frame]:
+    frames: list[Frame] = []
+    for shared in planned:
+        frames += shared.frames
+    return frames
+
+
+def _ignore(line: str) -> None:
+    """Take a warning of a caller that wants none."""
+
+
+class _PartRun:
+    """Makes a part of a job, one world after the other.
+
+    Args:
+        job: what to make.
+        part: of its frames.
+        how: it is made.
+
+    Attributes:
+        worlds: of the job; those that were opened have their poses.
+        written: the frames of the part that are in the dataset.
+        kept: how many of them existed.
+        made: how many of them are new.
+        failures: the frames that were left out.
+
+    Raises:
+        ArgumentError: no dataset can be made of the job.
+    """
+
+    def __init__(self, job: Job, part: Part, how: _How) -> None:
+        self._job = job
+        self._part = part
+        self._how = how
+        self._warn = _ignore if how.warn is None else how.warn
+        self._contents = list(map(check_dataset, job.each))
+        check_keys(job)
+        self._folder = storage.folder(job.out)
+        self._settings = self._contents[0].settings(job)
+
+        self.worlds = list(job.each)
+        self.written: list[Frame] = []
+        self.kept = 0
+        self.made = 0
+        self.failures = Failures(job.failures.skip * sum(map(frame_count, job.each)), self._warn)
+
+        self._has_labels = any("labels" in modalities.get(mode).derives for mode in job.modes)
+        self._ids: dict[str, int] = {}  # of the objects of all worlds, where parts must give the same
+        if self._has_labels and job.worlds and part.count > 1:
+            self._ids = _all_names(job)
+
+    def make_world(self, number: int, source: Source | None) -> None:
+        """Make the frames of the world ``number``, in its ``source``; None: the source is opened for it."""
+        how = self._how
+        contents = self._contents[number]
+        with ExitStack() as stack, opened(self._part.of(self.worlds[number]), source) as (world, live):
+            world = with_places(world)
+            self.worlds[number] = world
+            scene = "/".join(name for name in astuple(live.scene_identity) if name)
+            planned = list(frames_by_instant(world, self._part.poses(world.poses), scene))
+            renderer = Renderer(live)
+            check_source(world, contents, renderer, planned)
+            if not self._job.worlds:
+                check_faults(self._job, planned)
+            if how.replaces and number == 0:
+                replace_dataset(self._folder)
+            frames = self._chosen_frames(planned)
+            writer = self._begin(world, live, frames, _Plan(world, scene, planned))
+            stack.callback(writer.close)
+            marked = _read_marker(self._folder, writer.manifest, self._part)
+            if marked is not None:
+                writer.keep_marked(marked[0])
+            writer.refuse(frame.key for frame in self.written)  # of the worlds before
+            missing = writer.missing(frames)
+            self._leave_out_lost(world, frames, missing)
+            maker = FrameMaker(
+                world,
+                contents,
+                renderer,
+                writer,
+                how.workers,
+                self._warn,
+                self.failures,
+                begins=how.begins,
+                carefully=how.carefully,
+            )
+            maker.run(planned, missing - how.lost.keys(), how.progress)
+            failed = self.failures.lines.keys()
+            self.written += writer.frames(frame.key for frame in frames if frame.key not in failed)
+            self.kept += len(frames) - len(missing)
+            self.made += len(missing - failed)
+
+    def _chosen_frames(self, planned: Sequence[SharedFrames]) -> list[Frame]:
+        """Return those of planned frames whose keys are chosen, if some are."""
+        chosen = self._how.chosen
+        frames = []
+        for frame in _frames_of(planned):
+            if chosen is None or frame.key in chosen:
+                frames.append(frame)
+        return frames
+
+    def _begin(self, world: Job, live: Source, frames: Sequence[Frame], plan: _Plan) -> Writer:
+        """Begin the dataset with a world, or extend it, and return a writer of its frames.
+
+        Args:
+            world: with its poses.
+            live: its open source.
+            frames: that are to be made.
+            plan: of the part; of the whole world if there is one part only.
+        """
+        job = self._job
+        names = self._ids
+        if self._has_labels:
+            present = live.objects().names()  # those that the source has now
+            names = names or manifest.with_names({}, present)
+        begun = Manifest(
+            cameras=job.cameras if job.worlds else world.cameras,
+            names=names,
+            rules=self._contents[0].classes,
+            settings=self._settings,
+            origin=Origin({world.world: origin_of(world, live)}),
+        )
+        is_part = self._part.count > 1
+        if is_part:
+            plan = plan._replace(known=None)
+        return Writer(
+            job.out,
+            resume=True,
+            keys=[frame.key for frame in frames],
+            planned=Planned(plan.frames, [other.world for other in job.each], is_part),
+            image_format=job.image_format,
+            store=job.store,
+            depth_format=job.depth_format,
+            begun=begun,
+            closed=is_part,
+            media=job.recipe.media,
+        )
+
+    def _leave_out_lost(self, world: Job, frames: Sequence[Frame], missing: Collection[str]) -> None:
+        """Leave out those missing frames of a world that are known to be lost, with their errors."""
+        lost = self._how.lost
+        for frame in frames:
+            if frame.key in missing and frame.key in lost:
+                self.failures.add({frame.key: frame.varied}, world.world, SourceError(lost[frame.key]))
+
+    def lose_world(self, number: int, cause: SourceError | RecordingError) -> None:
+        """Leave out the frames of the world ``number`` that are not written, since its source has failed.
+
+        The ``cause`` is raised if they are more than may fail.
+        """
+        world = self.worlds[number]
+        lost: dict[str, dict[str, Any]] = {key: {} for key in _keys(world, self._part, self._how.chosen)}
+        for frame in self.written:
+            lost.pop(frame.key, None)
+        if not lost:
+            lost[world.world] = {}
+        with of_world(world):
+            self.failures.add(lost, world.world, cause)
+
+    def write_marker(self) -> None:
+        """Write the marker of the part, its last file."""
+        lines = list(map(Frame.to_dict, self.written))
+        content = {"sha256": _checksum(lines), "frames": lines, "versions": versions()}
+        whole = manifest.read(self._folder)
+        worlds = () if whole.origin is None else whole.origin.worlds
+        content["made_of"] = {world: whole.made_of(world) for world in worlds}
+        if self.failures.lines:
+            content["failed"] = list(self.failures.lines.values())
+        self._folder.put(self._part.marker, json.dumps(content, allow_nan=False).encode())
 
 
 def _all_names(job: Job) -> dict[str, int]:
@@ -363,60 +494,123 @@ def _all_names(job: Job) -> dict[str, int]:
 
 
 def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
-    """Join the markers of all parts, of so many, into ``frames.jsonl``; export; remove the markers, and what
-    killed processes have left. If another process has just finished the dataset, nothing is left to do.
+    """Finish the dataset of a ``job`` whose ``count`` parts are made.
 
-    DatasetError: the marker of a part is missing or damaged. OmniscvError: as an export.
+    Their markers are joined into ``frames.jsonl``, exports are written, and the markers are removed, with
+    what killed processes have left. If another process has just finished the dataset, nothing is left to do.
+
+    Args:
+        job: whose dataset is finished.
+        count: of its parts.
+        warn: called with lines about objects that are missing, splits and exports.
+
+    Raises:
+        DatasetError: the marker of a part is missing or damaged, or more frames failed than may.
+        OmniscvError: as an export.
     """
     folder = storage.folder(job.out)
     with lock(folder):
         if folder.exists(manifest.FRAMES) and len(_unfinished(folder, count)) == count:
             return
-        whole = manifest.read(folder)
-        parts = [Part(index, count) for index in range(count)]
-        marked = folder.each(lambda part: _read_marker(folder, whole, part), parts)
-        _refuse_mixed(folder, whole)
-        if None in marked:
-            index = marked.index(None)
-            wanted = f"expected markers of {count} finished parts, part {index} has none"
-            raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
-        listed = {frame.key: frame for frame in _listed(folder)}  # also of worlds that were not opened now
-        of_parts = [of_part for of_part in marked if of_part]
-        made = {frame.key: frame for frames, _ in of_parts for frame in frames}
-        lines = (line for _, failed in of_parts for line in failed)
-        failed = {line["key"]: line for line in lines if line["key"] not in made}
-        frames = {**{key: frame for key, frame in listed.items() if key not in failed}, **made}
-        manifest.write_failed(folder, failed.values())
-        if len(failed) > job.failures.skip * (whole_count := len(frames) + len(failed)):
-            wanted = f"expected at most {job.failures.skip:.3g} of {whole_count} frames to fail"
-            advice = f"see {manifest.FAILED}; --resume tries them again"
-            raise DatasetError(f"failures: {wanted}, got {len(failed)}; {advice}")
-        manifest.write_frames(folder, frames.values())
-        folder.remove(manifest.PLANNED)
-        gone = [entry.path for key in failed.keys() & listed for entry in listed[key].entries.values()]
-        folder.remove_files(gone)  # images of frames that were made before, and cannot be made again
-        if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
-            warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
-        if warn and job.recipe.split:
-            fixed = {world.world for world in job.worlds if world.world_split}
-            free = [frame for frame in frames.values() if frame.world not in fixed]
-            for line in split_warnings(job.recipe.split, free):
-                warn(line)
-        written = manifest.open(job.out)
-        exports = Contents.of(job).exports
-        for export in exports:
-            shown = [frame.kinds for frame in written if export.shows(frame.camera_name)]
-            if shown:  # truths may have been left out
-                export.check(job.cameras, set.intersection(*shown))
-        for line in exported.renew_exports(folder, exports, written):
-            if warn:
-                warn(line)
+        made, failed = _join_markers(folder, count)
+        frames = _write_lists(job, folder, made, failed)
+        if warn is None:
+            warn = _ignore
+        for line in _frame_warnings(job, frames):
+            warn(line)
+        for line in _export_all(job, folder):
+            warn(line)
         markers = _markers(folder)
         if folder.local is not None:
             for name in markers:
                 remove_parts(folder.local / name)
         folder.remove_files(markers)
         tidy(folder)
+
+
+def _join_markers(folder: Folder, count: int) -> tuple[dict[str, Frame], dict[str, dict[str, Any]]]:
+    """Return the frames of all parts, of so many, by key, and the lines of frames that failed in all of them.
+
+    DatasetError: a part has no marker, or is one of something else than the dataset.
+    """
+    whole = manifest.read(folder)
+    marked = folder.each(lambda part: _read_marker(folder, whole, part), _all_parts(count))
+    _refuse_mixed(folder, whole)
+    made = {}
+    lines = []
+    for index, content in enumerate(marked):
+        if content is None:
+            wanted = f"expected markers of {count} finished parts, part {index} has none"
+            raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
+        frames, failed_lines = content
+        lines += failed_lines
+        for frame in frames:
+            made[frame.key] = frame
+    failed = {}
+    for line in lines:
+        if line["key"] not in made:
+            failed[line["key"]] = line
+    return made, failed
+
+
+def _write_lists(
+    job: Job, folder: Folder, made: Mapping[str, Frame], failed: Mapping[str, Mapping[str, Any]]
+) -> list[Frame]:
+    """Write ``frames.jsonl`` and ``failed.jsonl``, and return the frames.
+
+    Frames that are listed, and are of worlds that were not opened now, stay. Images of frames that were made
+    before, and cannot be made again, are removed.
+
+    Args:
+        job: of the dataset.
+        folder: of the dataset.
+        made: frames by key.
+        failed: by key, lines of the frames that failed.
+
+    Raises:
+        DatasetError: more frames failed than the job allows.
+    """
+    frames = {}
+    gone = []
+    for frame in _listed(folder):
+        if frame.key in failed:
+            for entry in frame.entries.values():
+                gone.append(entry.path)
+        else:
+            frames[frame.key] = frame
+    frames.update(made)
+    manifest.write_failed(folder, failed.values())
+    count = len(frames) + len(failed)
+    if len(failed) > job.failures.skip * count:
+        wanted = f"expected at most {job.failures.skip:.3g} of {count} frames to fail"
+        advice = f"see {manifest.FAILED}; --resume tries them again"
+        raise DatasetError(f"failures: {wanted}, got {len(failed)}; {advice}")
+    manifest.write_frames(folder, frames.values())
+    folder.remove(manifest.PLANNED)
+    folder.remove_files(gone)
+    return list(frames.values())
+
+
+def _frame_warnings(job: Job, frames: Sequence[Frame]) -> Iterator[str]:
+    """Yield a line if a world has left objects out of frames, and lines about splits."""
+    lacking = sum(bool(frame.watch) for frame in frames)
+    if lacking:
+        yield f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}"
+    if job.recipe.split:
+        fixed = {world.world for world in job.worlds if world.world_split}
+        free = [frame for frame in frames if frame.world not in fixed]
+        yield from split_warnings(job.recipe.split, free)
+
+
+def _export_all(job: Job, folder: Folder) -> list[str]:
+    """Write the exports of a job's dataset; return a line for each of others that could not be renewed."""
+    frames = manifest.open(job.out)
+    exports = Contents.of(job).exports
+    for export in exports:
+        kinds = [frame.kinds for frame in frames if export.shows(frame.camera_name)]
+        if kinds:  # truths may have been left out
+            export.check(job.cameras, set.intersection(*kinds))
+    return exported.renew_exports(folder, exports, frames)
 
 
 def _listed(folder: Folder) -> list[Frame]:
@@ -456,7 +650,7 @@ def _refuse_mixed(folder: Folder, whole: Manifest) -> None:
         wanted = f"{folder}/{name}: expected a part of this dataset"
         advice = "remove its files, and make it again"
         if made_with is not None and made_with not in runs:
-            known = " or ".join(_in_words(run) for run in runs)
+            known = " or ".join(map(_in_words, runs))
             raise DatasetError(f"{wanted}, made with {known}; got {_in_words(made_with)}; {advice}")
         for world, digest in made_of.items():
             if digest != whole.made_of(world):
@@ -469,13 +663,13 @@ def _in_words(run: Mapping[str, str]) -> str:
 
 def _markers(folder: Folder) -> list[str]:
     """Return the names of all markers, of any number of parts."""
-    return [name for name in folder.names(f"{_PARTS}/") if is_marker(name)]
+    return list(filter(is_marker, folder.names(f"{_PARTS}/")))
 
 
 def _unfinished(folder: Folder, count: int) -> list[Part]:
     """Return the parts, of so many, that have no marker."""
     names = set(_markers(folder))
-    return [part for index in range(count) if (part := Part(index, count)).marker not in names]
+    return [part for part in _all_parts(count) if part.marker not in names]
 
 
 def _checksum(lines: list[Any]) -> str:

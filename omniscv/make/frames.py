@@ -10,6 +10,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.compose.image import OmniImage
@@ -52,19 +53,31 @@ class Failures:
 
     @contextmanager
     def leaving_out(self, frames: Sequence[Frame], world: str) -> Iterator[None]:
-        """Leave frames out if an error ends the context, as long as they are not too many."""
+        """Leave ``frames`` of a ``world`` out if an error ends the context, unless they are too many."""
         try:
             yield
         except OmniscvError as cause:
             self.add({frame.key: frame.varied for frame in frames}, world, cause)
 
     def add(self, keys: Mapping[str, Mapping[str, Any]], world: str, cause: OmniscvError) -> None:
-        """Leave frames out, by key with what was drawn for them; raise the cause if they are too many."""
+        """Leave frames out.
+
+        Args:
+            keys: of the frames, and what was drawn for each.
+            world: its name; empty if the job has only one.
+            cause: why they failed. It is raised if they are too many.
+        """
         if len(self.lines) + len(keys) > self._most:
             raise cause
         for key, varied in keys.items():
-            drawn = {"world": world, "varied": varied, "error": cause.message}
-            self.lines[key] = {"key": key, **{name: value for name, value in drawn.items() if value}}
+            line: dict[str, Any] = {"key": key}
+            if world:
+                line["world"] = world
+            if varied:
+                line["varied"] = varied
+            if cause.message:
+                line["error"] = cause.message
+            self.lines[key] = line
         self._warn(f"{', '.join(keys)}: {cause.message}; left out")
 
 
@@ -72,11 +85,14 @@ class FrameMaker:
     """Composes and writes frames: one is composed while truths of the one before are derived and written.
 
     Args:
-        job, contents, renderer, writer: of the dataset.
+        job: whose frames are made, of one world.
+        contents: of its dataset.
+        renderer: of its open source.
+        writer: of its dataset.
         workers: images that are composed at a time.
         warn: called with lines about images.
         failures: takes the frames that are left out.
-        begins: called with the key of a frame, or of the first of some that share captures, before these.
+        begins: called before captures are made, with the key of the first frame that shares them.
         carefully: whether a frame is written before the next one is begun.
     """
 
@@ -109,20 +125,22 @@ class FrameMaker:
         for line in job_warnings(job, source):
             self._warn(line)
         # Truths that capture may hide objects, so no image is captured meanwhile.
-        self._capturing = {
-            name
-            for name, options in contents.truth.items()
-            if truths.get(name).may_capture(self._geometry, options)
-        }
+        self._capturing: set[str] = set()
+        for name, options in contents.truth.items():
+            if truths.get(name).may_capture(self._geometry, options):
+                self._capturing.add(name)
         # Images of a world that moves take turns, too: the source shows one instant at a time.
         self._capture_lock = Lock() if self._capturing or job.changes or job.recipe.watch else nullcontext()
 
     def run(self, planned: Sequence[SharedFrames], missing: Collection[str], progress: Report | None) -> None:
-        """Make the frames with some keys.
+        """Make those of ``planned`` frames whose keys are ``missing``, and report the ``progress``.
 
         They are written in their order, so that objects that appear late get the same ids every time.
         """
-        unfinished = [shared for shared in planned if any(frame.key in missing for frame in shared.frames)]
+        unfinished = []
+        for shared in planned:
+            if any(frame.key in missing for frame in shared.frames):
+                unfinished.append(shared)
         compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
         threads = self._workers if self._workers > 1 else 0
         composed = chain.from_iterable(ahead(compose, unfinished, threads))
@@ -130,8 +148,12 @@ class FrameMaker:
 
     def _compose(self, shared: SharedFrames, keys: Collection[str], meter: Meter) -> list[Composed]:
         """Return the images of some frames, of the captures that they share."""
-        only = [i for i, frame in enumerate(shared.frames) if frame.key in keys]
-        frames = [shared.frames[i] for i in only]
+        only = []
+        frames = []
+        for index, frame in enumerate(shared.frames):
+            if frame.key in keys:
+                only.append(index)
+                frames.append(frame)
         if self._begins is not None:
             self._begins(frames[0].key)
         world: dict[str, Any] = {}
@@ -143,8 +165,10 @@ class FrameMaker:
         with self._capture_lock, self._failures.leaving_out(frames, self._job.world):
             report = meter.part()
             images = list(images_of(self._renderer, shared, self._job, only=only, progress=report, look=look))
-            seen = zip(frames, images, strict=True)
-            return [(replace(frame, image=image, **world), shared.instant) for frame, image in seen]
+            composed = []
+            for frame, image in zip(frames, images, strict=True):
+                composed.append((replace(frame, image=image, **world), shared.instant))
+            return composed
         return []  # they were left out
 
     def _save(self, composed: Composed) -> None:
@@ -218,28 +242,39 @@ def left_out(seen: Frame, names: Sequence[str], look: Callable[[], OmniImage]) -
     An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
     seen before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and
     only an object that is seen then, where nothing was before it at first, was left out. Where the two are
-    equally far away, what the image showed must still be there: else it hid the object, and is itself left
-    out of the second captures. ``names`` are those of the source's labels 1, 2, 3, ...
+    equally far away, the object that the image showed must still be there: else it hid the other one, and is
+    itself left out of the second captures.
+
+    Args:
+        seen: the frame with its image, and the geometry of the scene.
+        names: of the source's labels 1, 2, 3, ...
+        look: captures labels and depth again.
     """
     depth = seen.layer("depth")
     labels = seen.layer("labels")
     shown = visible_ids(labels)
     found = set[str]()
-    suspects = {
-        name
-        for name, box in seen.geometry.boxes.items()
-        if seen.instances.get(name, 0) not in shown and _unhidden(seen.rendered(), box)
-    }
+    suspects = set()
+    for name, box in seen.geometry.boxes.items():
+        if seen.instances.get(name, 0) not in shown and _unhidden(seen.rendered(), box):
+            suspects.add(name)
     for _ in range(_LOOKS):
         if suspects - found:
             again = look()
             assert again.labels is not None
             assert again.depth is not None
-            there = {names[label - 1] for label in visible_ids(again.labels) - {0}}
-            still = np.isin(labels, [0, *(seen.instances.get(name, 0) for name in there)])
+            ids = [0]
+            for name in _shown(again.labels, names):
+                ids.append(seen.instances.get(name, 0))
+            still = np.isin(labels, ids)
             clear = (depth > (1 + _SAME) * again.depth) | ((depth >= (1 - _SAME) * again.depth) & still)
-            found |= suspects & {names[label - 1] for label in visible_ids(again.labels * clear) - {0}}
+            found |= suspects & _shown(again.labels * clear, names)
     return tuple(sorted(found))
+
+
+def _shown(labels: NDArray[Any], names: Sequence[str]) -> set[str]:
+    """Return the names of the objects that labels of the source show."""
+    return {names[label - 1] for label in visible_ids(labels) - {0}}
 
 
 def _unhidden(image: OmniImage, box: ObjectBox) -> bool:

@@ -22,7 +22,7 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant, Motion
 from omniscv.geometry.trajectory import NS, Poses, nanoseconds
 from omniscv.job import Exposure, Job, Split
@@ -31,12 +31,12 @@ from omniscv.progress import Meter, Report, without_images
 from omniscv.sources.base import Color, Source
 
 SURFACE_M = 1.0
-"""Distance at which surfaces are taken to be, for what a moving camera sees of them."""
-_NEAREST_M = 0.25  # to an object that moves
-_OBJECT_M = 0.5  # from an object's middle to what of it is seen
+"""Assumed distance of surfaces, metres, for how fast they move in the image of a moving camera."""
+_NEAREST_M = 0.25  # metres: least distance of an object that moves
+_OBJECT_M = 0.5  # metres: assumed from an object's middle to its surface
 _DECIMALS = 7  # of metres and entries of rotations in digests
-_FEWEST = 3
-_MOST = 999
+_FEWEST = 3  # instants of an exposure
+_MOST = 999  # instants of an exposure
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 Views = tuple[tuple[Camera, Pose], ...]
@@ -67,49 +67,63 @@ class SharedFrames:
 def frames_by_instant(
     job: Job, indices: Iterable[int] | None = None, scene: str = ""
 ) -> Iterator[SharedFrames]:
-    """Yield a job's images by pose, of all or of some indices, and instant, and what is captured for them.
+    """Yield a job's images pose by pose and instant by instant, and what is captured for them.
 
-    Images of a rolling-shutter camera in a world that moves do not share captures. ``scene`` is the identity
-    of the source's scene, for the frames of a dataset.
+    Images of a rolling-shutter camera in a world that moves do not share captures.
+
+    Args:
+        job: with its poses.
+        indices: of the poses; of all if not given.
+        scene: identity of the source's scene, for the frames of a dataset.
     """
     path = JobPath(job)
     split = job.recipe.split or Split({"": 1.0})
     places = places_of(job, split)
     start = f"{job.world}/" if job.world else ""
-    for i in range(len(job.poses)) if indices is None else indices:
+    for index in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
-        place = f"{start}{places[i]}"
+        place = f"{start}{places[index]}"
         in_split = job.world_split or split.of(job.world if split.by == "world" else place)
-        varied, fault = _varied(job, i, place)
-        fault = job.faults.get(i, fault)
-        for frame in path.frames(i):
+        varied, fault = _varied(job, index, place)
+        fault = job.faults.get(index, fault)
+        for frame in path.frames(index):
             rolling = job.moves and isinstance(frame.camera, RollingShutter) and frame.camera.readout
             state = path.instant(replace(frame, varied=varied)).state
             key = frame.key if rolling else f".{state}"
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
-            captured = tuple(path.captured(i, frames))
-            shown = tuple(replace(frame, shows=_shows(captured, at)) for at, frame in enumerate(frames))
-            yield SharedFrames(shown, captured, fault)
+            captured = tuple(path.captured(index, frames))
+            shown = []
+            for number, frame in enumerate(frames):
+                shown.append(replace(frame, shows=_shows(captured, number)))
+            yield SharedFrames(tuple(shown), captured, fault)
 
 
-def _shows(captured: Sequence[InstantViews], at: int) -> str:
-    """Return a digest of the instants and poses that a frame, the one ``at`` of those that share captures, is
-    composed of; empty for one."""
+def _shows(captured: Sequence[InstantViews], number: int) -> str:
+    """Return a digest of the instants and poses of which a frame is composed; empty if there is one instant.
+
+    ``number`` is that of the frame among those that share captures.
+    """
     if len(captured) == 1:
         return ""
     count = len(captured[0][1])
     parts = []
     for instant, views, _ in captured:
-        numbers = [(np.round(pose.position, _DECIMALS) + 0.0).tolist() for _, pose in views[at::count]]
-        turns = [(np.round(pose.rotation, _DECIMALS) + 0.0).tolist() for _, pose in views[at::count]]
-        parts.append((instant.state, numbers, turns))
+        positions = []
+        rotations = []
+        for _, pose in views[number::count]:
+            positions.append((np.round(pose.position, _DECIMALS) + 0.0).tolist())
+            rotations.append((np.round(pose.rotation, _DECIMALS) + 0.0).tolist())
+        parts.append((instant.state, positions, rotations))
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
 def places_of(job: Job, split: Split) -> Sequence[str]:
-    """Return the place of each pose; that of poses without one depends on all others."""
+    """Return the place of each pose of a ``job``.
+
+    ``split`` finds the places of poses without one, from the positions of all.
+    """
     if job.places and all(job.places):
         return job.places
     return split.places(Poses.of(job.poses).positions, job.places or ())
@@ -123,11 +137,11 @@ def with_places(job: Job) -> Job:
     return replace(job, places=places, poses=Poses.of(job.poses))
 
 
-def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
+def _varied(job: Job, index: int, place: str) -> tuple[Mapping[str, Any], str]:
     """Return what is drawn for a pose, and why it cannot be drawn; all cameras of a pose see one world."""
     if job.draws is None:
         return {}, ""
-    keys = {"frame": pose_number(job, i), "place": place, "world": ""}
+    keys = {"frame": pose_number(job, index), "place": place, "world": ""}
     try:
         return job.draws.of(keys[job.draws.vary.per]), ""
     except ArgumentError as fault:
@@ -137,43 +151,54 @@ def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
 def instants_of(job: Job) -> Iterator[Instant]:
     """Yield what the world shows at each pose of a job; nothing is drawn for its places."""
     path = JobPath(job)
-    for i in range(len(job.poses)):
-        varied, _ = _varied(job, i, "")
-        yield path.instant_at(None if job.times_ns is None else job.times_ns[i], varied)
+    for index in range(len(job.poses)):
+        varied, _ = _varied(job, index, "")
+        yield path.instant_at(None if job.times_ns is None else job.times_ns[index], varied)
 
 
 def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
-    """Yield the keys of the frames at some poses; at all if not given."""
-    for i in range(len(job.poses)) if indices is None else indices:
-        yield from (_key(job, name, i, len(job.poses)) for name in job.cameras)
+    """Yield the keys of the frames of a ``job`` at the poses of some ``indices``; at all if not given."""
+    for index in range(len(job.poses)) if indices is None else indices:
+        for name in job.cameras:
+            yield _key(job, name, index, len(job.poses))
 
 
 def check_keys(job: Job) -> None:
     """Raise ArgumentError if two frames of a job's worlds would have one key, in any case of letters."""
     owners: dict[str, str] = {}
-    counts = {world.world: len(world.poses) or getattr(world.sampling, "count", 1) for world in job.each}
-    # Keys whose numbers have as many digits differ if those of the first pose do.
-    alike = len({len(str(count - 1)) if count > 1 else 0 for count in counts.values()}) == 1
+    counts = {}
+    digits = set()
+    for world in job.each:
+        count = len(world.poses) or getattr(world.sampling, "count", 1)
+        counts[world.world] = count
+        digits.add(len(str(count - 1)) if count > 1 else 0)
     for world in job.each:
         count = counts[world.world]
+        # Keys whose numbers have as many digits differ if those of the first pose do.
+        indices = range(1 if len(digits) == 1 else count)
         for name in world.cameras:
-            indices = range(1 if alike else count)
-            for key in (file_key(_key(world, name, i, count)) for i in indices):
-                owner = f"camera {name!r} of world {world.world!r}"
+            owner = f"camera {name!r} of world {world.world!r}"
+            for index in indices:
+                key = file_key(_key(world, name, index, count))
                 if owners.setdefault(key, owner) != owner:
-                    got = f"that of {owners[key]} and {owner}; rename one"
-                    raise ArgumentError(f"{key}: expected a key of one frame, got {got}")
+                    both = f"that of {owners[key]} and {owner}; rename one"
+                    raise ArgumentError(f"{key}: expected a key of one frame, got {both}")
 
 
-def _key(job: Job, camera: str, i: int, count: int) -> str:
-    key = f"{camera}-{pose_number(job, i, count)}" if count > 1 else camera
+def _key(job: Job, camera: str, index: int, count: int) -> str:
+    """Return the key of the frame of a camera at a pose, of a number of poses."""
+    key = f"{camera}-{pose_number(job, index, count)}" if count > 1 else camera
     # The cameras that are drawn for a world are named after it.
     return f"{job.world}-{key}" if job.world and not camera.startswith(f"{job.world}-") else key
 
 
-def pose_number(job: Job, i: int, count: int = 0) -> str:
-    """Return the number of a pose, with as many digits as the last one of ``count``, or of all, has."""
-    return f"{i:0{len(str(max(0, (count or len(job.poses)) - 1)))}d}"
+def pose_number(job: Job, index: int, count: int = 0) -> str:
+    """Return the number of the pose at an ``index``, with leading zeros.
+
+    It has as many digits as the last one of ``count`` poses; 0: of all poses of the ``job``.
+    """
+    last = max(0, (count or len(job.poses)) - 1)
+    return str(index).zfill(len(str(last)))
 
 
 class JobPath:
@@ -182,25 +207,24 @@ class JobPath:
     def __init__(self, job: Job) -> None:
         self.job = job
 
-    def frames(self, i: int, after: float = 0.0) -> Iterator[Frame]:
-        """Yield the images at a pose, or some seconds after it."""
+    def frames(self, index: int, after: float = 0.0) -> Iterator[Frame]:
+        """Yield the images at the pose of an ``index``, or those of ``after`` seconds later."""
         job = self.job
-        pose = self.job.poses[i]
-        of_pose_ns = None if job.times_ns is None else job.times_ns[i]
+        pose_ns = None if job.times_ns is None else job.times_ns[index]
         mounts = {} if job.rig is None else job.rig.cameras
         for name, camera in job.cameras.items():
-            key = _key(job, name, i, len(job.poses))
+            key = _key(job, name, index, len(job.poses))
             mounted = mounts.get(name) or RigCamera(camera)
-            time_ns = None if of_pose_ns is None else of_pose_ns + nanoseconds(mounted.time_offset + after)
-            if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
+            time_ns = None if pose_ns is None else pose_ns + nanoseconds(mounted.time_offset + after)
+            pose = job.poses[index]
+            if job.path is not None and time_ns != pose_ns and time_ns is not None:
                 pose = job.path.at(time_ns, steps_beyond=1)
-            camera = self._on_path(camera, mounted.pose, time_ns)
             if name in job.own_poses:
-                camera_pose = job.own_poses[name][i]
-            else:
-                camera_pose = pose @ mounted.pose if name in mounts else pose
-            yield Frame(key, name, camera, camera_pose, time_ns=time_ns, world=job.world)
-            pose = job.poses[i]
+                pose = job.own_poses[name][index]
+            elif name in mounts:
+                pose = pose @ mounted.pose
+            camera = self._on_path(camera, mounted.pose, time_ns)
+            yield Frame(key, name, camera, pose, time_ns=time_ns, world=job.world)
 
     def _on_path(self, camera: Camera, mounted: Pose, time_ns: int | None) -> Camera:
         """Return a camera whose lines are read one after the other as it moves along the path meanwhile."""
@@ -209,41 +233,52 @@ class JobPath:
         return as_shutter(camera) if self.job.moves and readout_of(camera) else camera
 
     def instant(self, frame: Frame, after: float = 0.0) -> Instant:
-        """Return the instant that a frame shows, or one some seconds after it."""
+        """Return the instant that a ``frame`` shows, or that of ``after`` seconds later."""
         time_ns = None if frame.time_ns is None else frame.time_ns + nanoseconds(after)
         return self.instant_at(time_ns, frame.varied)
 
     def instant_at(self, time_ns: int | None, varied: Mapping[str, Any]) -> Instant:
-        """Return the instant of a time, with what is drawn for it."""
+        """Return the instant of ``time_ns``, None for no time, with what is ``varied`` for it."""
         if not self.job.moves:
             return Instant.drawn(varied)
-        poses = {name: motion.at(time_ns) for name, motion in self.job.motions.items()}
+        poses = {}
+        for name, motion in self.job.motions.items():
+            poses[name] = motion.at(time_ns)
         seconds = None if time_ns is None else (time_ns - self.job.clock_start_ns) / NS
         return Instant.drawn(varied, poses, seconds)
 
-    def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
-        """Yield what is captured for images of one instant: first at their time, then during their exposure,
-        or the lines of a rolling-shutter camera at their times."""
+    def captured(self, index: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
+        """Yield what is captured for ``frames`` of one instant, at the pose of an ``index``.
+
+        First it is the view of each frame at their time, then those during their exposure. Of a
+        rolling-shutter camera, it is the lines at their times.
+        """
         first = frames[0]
-        modes = self.job.captured
-        exposure = self._exposure(i, frames)
+        exposure = self._exposure(index, frames)
         if self.job.moves and isinstance(first.camera, RollingShutter) and first.camera.readout:
             for seconds, lines in exposure.lines(first.camera):
-                yield self.instant(first, seconds), ((lines, first.pose),), modes
+                yield self.instant(first, seconds), ((lines, first.pose),), self.job.captured
             return
+        yield from self._during_exposure(index, frames, exposure)
+
+    def _during_exposure(
+        self, index: int, frames: Sequence[Frame], exposure: Exposure
+    ) -> Iterator[InstantViews]:
+        """Yield what is captured for frames of one instant, each of which is exposed at once."""
+        modes = self.job.captured
         keys = {frame.key for frame in frames}
-        moves = exposure.camera == "moves" and self.job.path is not None
-        blurred = "lit" in modes and (moves or self.job.moves)
-        for offset in exposure.offsets() if blurred else (0.0,):
+        camera_moves = exposure.camera == "moves" and self.job.path is not None
+        is_blurred = "lit" in modes and (camera_moves or self.job.moves)
+        for offset in exposure.offsets() if is_blurred else (0.0,):
             moved = frames
-            if offset and moves:
-                moved = [frame for frame in self.frames(i, offset) if frame.key in keys]
+            if offset and camera_moves:
+                moved = [frame for frame in self.frames(index, offset) if frame.key in keys]
             views = tuple((frame.camera, frame.pose) for frame in moved)
-            instant = self.instant(first, offset)
+            instant = self.instant(frames[0], offset)
             yield instant, views, ("lit",) if offset else modes
             yield from self._lateral(instant, views)
 
-    def _exposure(self, i: int, frames: Sequence[Frame]) -> Exposure:
+    def _exposure(self, index: int, frames: Sequence[Frame]) -> Exposure:
         """Return the job's exposure with a number of instants: enough for the fastest motion in any image."""
         exposure = self.job.exposure
         if exposure.instants != "auto":
@@ -252,30 +287,39 @@ class JobPath:
         motions = (*self.job.motions.values(), *self.job.own_motions.values())
         for frame in frames:
             readout = frame.camera.readout if isinstance(frame.camera, RollingShutter) else 0.0
-            start, end = (0.0, readout) if readout else (-exposure.seconds / 2, exposure.seconds / 2)
-            moves = exposure.camera == "moves" and not readout
-            at = frame.time_ns or 0
-            offsets = (start, end) if moves else (0.0, 0.0)
-            first, last = (
-                {other.key: other.pose for other in self.frames(i, after)}[frame.key] for after in offsets
-            )
-            span = at + nanoseconds(start), at + nanoseconds(end)
+            start = 0.0 if readout else -exposure.seconds / 2
+            end = readout or exposure.seconds / 2
+            camera_moves = exposure.camera == "moves" and not readout
+            first = self._pose_of(frame, index, start if camera_moves else 0.0)
+            last = self._pose_of(frame, index, end if camera_moves else 0.0)
+            time_ns = frame.time_ns or 0
+            span = time_ns + nanoseconds(start), time_ns + nanoseconds(end)
             most = max(most, motion_px(frame.camera, (first, last), motions, span))
         return replace(exposure, instants=instants_for(most))
 
+    def _pose_of(self, frame: Frame, index: int, after: float) -> Pose:
+        """Return the pose of a frame's camera some seconds after the pose of an index."""
+        poses = {other.key: other.pose for other in self.frames(index, after)}
+        return poses[frame.key]
+
     def _lateral(self, instant: Instant, views: Views) -> Iterator[InstantViews]:
         """Yield what lateral colour needs beside views: red light of all of them, then blue light of all."""
-        sensor = self.job.sensor
-        pairs = [sensor.lateral_cameras(camera) for camera, _ in views] if sensor else []
-        if any(pairs):
-            poses = [pose for _, pose in views]
-            reds, blues = zip(*(pair for pair in pairs if pair), strict=True)
-            yield instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",)
+        if self.job.sensor is None:
+            return
+        red_views = []
+        blue_views = []
+        for camera, pose in views:
+            if cameras := self.job.sensor.lateral_cameras(camera):
+                red, blue = cameras
+                red_views.append((red, pose))
+                blue_views.append((blue, pose))
+        if red_views:
+            yield instant, (*red_views, *blue_views), ("lit",)
 
 
 @contextmanager
 def renderer_at(renderer: Renderer, instant: Instant) -> Iterator[Renderer]:
-    """Give a renderer of the world at an instant; ``renderer`` is not used meanwhile."""
+    """A renderer of the world at an ``instant``; ``renderer`` itself is not used meanwhile."""
     if not instant.state:
         yield renderer
         return
@@ -295,38 +339,57 @@ def images_of(
 
     Args:
         renderer: of the job's source.
-        shared, job: the frames, and the job whose options and sensor make the images.
+        shared: the frames.
+        job: whose options and sensor make the images.
         only: indices of the frames that are composed; all if not given.
         progress: called as images progress.
         look: called once, with a source of the world at the frames' instant.
+
+    Raises:
+        ArgumentError: the frames cannot be made, as their ``fault`` says.
     """
     if shared.fault:
         raise ArgumentError(shared.fault)
-    last = len(shared.captured) - 1
     count = len(shared.frames)
+    last = len(shared.captured) - 1
     chosen = sorted(range(count) if only is None else only)
     meter = Meter(len(chosen), progress)
+
     parts: list[list[OmniImage]] = []
-    for done, (instant, views, modes) in enumerate(shared.captured):
-        report = meter.part() if done == last else without_images(meter.part())
+    for number, (instant, views, modes) in enumerate(shared.captured):
+        report = meter.part() if number == last else without_images(meter.part())
         with renderer_at(renderer, instant) as renderer_then:
-            if look and done == 0:
+            if look and number == 0:
                 look(renderer_then.source)
-            wanted = [i for i in range(len(views)) if i % count in chosen]
+            wanted = [index for index in range(len(views)) if index % count in chosen]
             images = renderer_then.render_together(views, modes, job.options, only=wanted, progress=report)
             if last == 0:
-                for i, image in zip(chosen, images, strict=True):
-                    yield _sensed(job, shared.frames[i], image)
+                for index, image in zip(chosen, images, strict=True):
+                    yield _sensed(job, shared.frames[index], image)
                 return
             parts.append(list(images))
-    for place, frame in enumerate(shared.frames[i] for i in chosen):
-        # An instant has one image of each frame; lateral colour has two, red and blue.
-        by_instant = [images[place :: len(chosen)] for images in parts]
-        instants = [images[0] for images in by_instant if len(images) == 1]
-        red_blue = [images for images in by_instant if len(images) == 2]
-        rolls = job.moves and readout_of(frame.camera)
-        image = _read_out(as_shutter(frame.camera), instants) if rolls else _exposed(instants)
-        yield _sensed(job, frame, image, [_exposed(color) for color in zip(*red_blue, strict=True)])
+    for position, index in enumerate(chosen):
+        yield _merged(job, shared.frames[index], [images[position :: len(chosen)] for images in parts])
+
+
+def _merged(job: Job, frame: Frame, parts: Sequence[Sequence[OmniImage]]) -> OmniImage:
+    """Return the image of a frame, of its images at several instants.
+
+    Each of ``parts`` is one image of an instant, or two of lateral colour, red and blue.
+    """
+    instants = []
+    reds = []
+    blues = []
+    for images in parts:
+        if len(images) == 1:
+            instants.append(images[0])
+        elif len(images) == 2:
+            reds.append(images[0])
+            blues.append(images[1])
+    is_rolling = job.moves and readout_of(frame.camera)
+    image = _read_out(as_shutter(frame.camera), instants) if is_rolling else _exposed(instants)
+    lateral = [_exposed(reds), _exposed(blues)] if reds else []
+    return _sensed(job, frame, image, lateral)
 
 
 def _sensed(job: Job, frame: Frame, image: OmniImage, lateral: Sequence[OmniImage] = ()) -> OmniImage:
@@ -334,7 +397,9 @@ def _sensed(job: Job, frame: Frame, image: OmniImage, lateral: Sequence[OmniImag
     if job.sensor is None:
         return image
     image = job.sensor.apply(image, frame.camera_name, frame.time, lateral)
-    layers = {name: layer for name, layer in image.layers.items() if name != "lit" or "lit" in job.modes}
+    layers = dict(image.layers)
+    if "lit" not in job.modes:
+        layers.pop("lit", None)
     return replace(image, layers=layers)
 
 
@@ -362,17 +427,22 @@ def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:
     between = camera.parts_read() * (len(parts) - 1)
     shown = np.clip(np.rint(between), 0, len(parts) - 1).astype(int)
     other = np.clip(shown + np.where(between < shown, -1, 1), 0, len(parts) - 1)
-    layers = {name: _chosen(shown, [part[name] for part in parts]) for name in parts[0].layers}
+    layers = {}
+    for name in parts[0].layers:
+        layers[name] = _chosen(shown, _layer(parts, name))
     valid = _chosen(shown, [part.valid for part in parts])
-    centers_w = [np.broadcast_to(part.centers_w, (*valid.shape, 3)) for part in parts]
     if "labels" in layers and "label_edge" in layers:
-        differs = _chosen(other, [part["labels"] for part in parts]) != layers["labels"]
+        differs = _chosen(other, _layer(parts, "labels")) != layers["labels"]
         layers["label_edge"] |= cv2.dilate(differs.view(np.uint8), _NEIGHBOURS).view(np.bool_) & valid
     if "depth_error" in layers:
         with np.errstate(invalid="ignore"):
-            moved = np.abs(_chosen(other, [part["depth"] for part in parts]) - layers["depth"])
+            moved = np.abs(_chosen(other, _layer(parts, "depth")) - layers["depth"])
         layers["depth_error"] += np.where(np.isnan(moved), 0, moved) * valid  # of +inf twice: no surface
-    unknown = sum((Counter(part.unknown_colors) for part in parts), Counter[Color]())
+    centers_w = []
+    unknown = Counter[Color]()
+    for part in parts:
+        centers_w.append(np.broadcast_to(part.centers_w, (*valid.shape, 3)))
+        unknown += Counter(part.unknown_colors)
     return replace(
         parts[0],
         camera=camera,
@@ -383,11 +453,16 @@ def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:
     )
 
 
+def _layer(parts: Sequence[OmniImage], name: str) -> list[NDArray[Any]]:
+    """Return a layer of each of several images."""
+    return [part[name] for part in parts]
+
+
 def _chosen(index: NDArray[Any], arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Return, for each pixel of an index (H, W), that pixel of one of several arrays (H, W, ...)."""
     chosen = np.zeros_like(arrays[0])
-    for i, array in enumerate(arrays):
-        chosen[index == i] = array[index == i]
+    for number, array in enumerate(arrays):
+        chosen[index == number] = array[index == number]
     return chosen
 
 
@@ -406,20 +481,31 @@ def instants_for(moved_px: float) -> int:
 def motion_px(
     camera: Camera, poses: tuple[Pose, Pose], motions: Sequence[Motion], times_ns: tuple[int, int]
 ) -> float:
-    """Return how far the camera, and objects by their motions, move in an image from a start to an end, px,
-    where its pixels are as wide as in its middle."""
+    """Return how far the camera, and objects, move in an image from a start to an end, px.
+
+    Pixels are taken to be as wide as in the image's middle.
+
+    Args:
+        camera: of the image.
+        poses: of the camera at the start and at the end, world frame.
+        motions: of objects.
+        times_ns: of the start and of the end.
+    """
     start, end = poses
     turned = _angle(start.rotation, end.rotation)
     radians = turned + float(np.linalg.norm(end.position - start.position)) / SURFACE_M
     for motion in motions:
-        before, after = (motion.at(time) for time in times_ns)
+        before = motion.at(times_ns[0])
+        after = motion.at(times_ns[1])
         moved = float(np.linalg.norm(after.position - before.position))
         moved += _OBJECT_M * _angle(before.rotation, after.rotation)
-        away = min(float(np.linalg.norm(pose.position - start.position)) for pose in (before, after))
+        away_before = float(np.linalg.norm(before.position - start.position))
+        away_after = float(np.linalg.norm(after.position - start.position))
+        away = min(away_before, away_after)
         radians = max(radians, turned + moved / max(away - _OBJECT_M, _NEAREST_M))
     return radians * densities.pixels_per_radian(camera)
 
 
-def _angle(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the angle between two rotations, radians."""
-    return math.acos(min(1.0, max(-1.0, (float(np.trace(one.T @ other)) - 1) / 2)))
+def _angle(R_w_a: Array, R_w_b: Array) -> float:
+    """Return the angle between two rotations, radians: acos((trace(R_w_a^T R_w_b) - 1) / 2)."""
+    return math.acos(min(1.0, max(-1.0, (float(np.trace(R_w_a.T @ R_w_b)) - 1) / 2)))

@@ -37,10 +37,12 @@ def with_own_cameras(job: Job, source: Source) -> Job:
             if number == 0 and not own.has_lens:
                 size = {"width": view.width, "height": view.height}
                 cameras[name] = create("pinhole", **size, fov_deg=view.fov_deg)
-    own_poses = {name: Poses.of(of_camera) for name, of_camera in poses.items()}
-    first = next(iter(own_poses.values()))
-    every = own_poses.keys() == cameras.keys()
-    return replace(job, cameras=cameras, own_poses=own_poses, poses=first if every else job.poses)
+    own_poses = {}
+    for name, of_camera in poses.items():
+        own_poses[name] = Poses.of(of_camera)
+    are_all_own = own_poses.keys() == cameras.keys()
+    shared_poses = next(iter(own_poses.values())) if are_all_own else job.poses
+    return replace(job, cameras=cameras, own_poses=own_poses, poses=shared_poses)
 
 
 def _view(key: str, name: str, views: Mapping[str, View], source: Source) -> View:

@@ -3,14 +3,14 @@
 import logging
 import time
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial, reduce
 from itertools import chain
 from operator import add
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,14 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check, check_faults, check_source
-from omniscv.make.instants import InstantViews, frames_by_instant, images_of, keys_of, renderer_at
+from omniscv.make.instants import (
+    InstantViews,
+    SharedFrames,
+    frames_by_instant,
+    images_of,
+    keys_of,
+    renderer_at,
+)
 from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
@@ -41,12 +48,12 @@ from omniscv.sources.requests import exposures_of
 from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
 
-_PROBES = 3
-_PROBE_PX = 16
-_LARGE_PX = 1024
-_FACE_PER_OVERSCAN = 16
+_PROBES = 3  # captures whose time is measured
+_PROBE_PX = 16  # their size
+_LARGE_PX = 1024  # the size of others, for what a pixel takes
+_FACE_PER_OVERSCAN = 16  # the edge of a face by how much wider it is on each side
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
-_AIMS = (0.01, 0.003, 0.001)
+_AIMS = (0.01, 0.003, 0.001)  # accuracies whose costs are shown
 _PLANNED_CENTERS = 500  # places, and instants of a world that moves, that are planned: others cost the same
 _log = logging.getLogger("omniscv")
 _Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
@@ -81,7 +88,8 @@ def run(
     if is_dataset(storage.folder(out)):
         raise ArgumentError(f"{out}: expected a folder for images, got a dataset; write elsewhere")
     check(job)
-    warn = warn or (lambda line: None)
+    if warn is None:
+        warn = _ignore
     with opened(job) as (job, source):
         planned = list(frames_by_instant(job))
         for key in keys_of(job):
@@ -93,25 +101,39 @@ def run(
         for line in job_warnings(job, source):
             warn(line)
 
-        def images() -> Iterator[tuple[str, OmniImage]]:
-            for shared in planned:
-                composed = images_of(renderer, shared, job, progress=meter.part())
-                for frame, image in zip(shared.frames, composed, strict=True):
-                    for line in warnings_of(frame.key, image):
-                        warn(line)
-                    if done:
-                        done(image)
-                    yield frame.key, image
-
         def save(named: tuple[str, OmniImage]) -> list[Path]:
             key, image = named
             return image.save(out, key, job.image_format, job.store, job.depth_format)
 
-        files = list(chain.from_iterable(ahead(save, images(), 1)))
+        images = _compose(job, planned, renderer, meter, warn, done)
+        files = list(chain.from_iterable(ahead(save, images, 1)))
     beside = {*out.glob("*.json")} - set(files)
     if others := sum(map(is_image, beside)):
         warn(f"{job.out}: {others} older images, which this job did not write, are beside the new ones")
     return files
+
+
+def _ignore(line: str) -> None:
+    """Take a warning of a caller that wants none."""
+
+
+def _compose(
+    job: Job,
+    planned: Iterable[SharedFrames],
+    renderer: Renderer,
+    meter: Meter,
+    warn: Callable[[str], None],
+    done: Callable[[OmniImage], object] | None,
+) -> Iterator[tuple[str, OmniImage]]:
+    """Yield the keys and images of planned frames; ``warn`` and ``done`` are those of :func:`run`."""
+    for shared in planned:
+        images = images_of(renderer, shared, job, progress=meter.part())
+        for frame, image in zip(shared.frames, images, strict=True):
+            for line in warnings_of(frame.key, image):
+                warn(line)
+            if done:
+                done(image)
+            yield frame.key, image
 
 
 _WARNINGS = {
@@ -125,11 +147,14 @@ _KNOBS = ("viewpoints", "face_size", "truth_scale")
 
 
 def job_warnings(job: Job, source: Source) -> Iterator[str]:
-    """Yield a line if a job averages colours, and the source does not say what its codes mean; and a line for
-    each rule that skips objects."""
-    for rule, count in job.draws.skipped.items() if job.draws else ():
-        if count:
-            yield f"vary.{rule}: skips {count} objects that the source cannot set so, such as static ones"
+    """Yield a line for each rule of a ``job`` that skips objects, and one for colours of unknown meaning.
+
+    The latter if the job averages colours, and its ``source`` does not say what their codes mean.
+    """
+    if job.draws:
+        for rule, count in job.draws.skipped.items():
+            if count:
+                yield f"vary.{rule}: skips {count} objects that the source cannot set so, such as static ones"
     averages = job.exposure.seconds > 0 or job.options.filter == "area"
     if "lit" in job.captured and source.capabilities.transfer == "unknown" and (averages or job.sensor):
         how = "a sensor takes them as sRGB" if job.sensor else "the mean of codes is no mean of light"
@@ -137,19 +162,17 @@ def job_warnings(job: Job, source: Source) -> Iterator[str]:
 
 
 def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
-    """Yield a line if an image misses its accuracy, and for each layer that marks pixels."""
+    """Yield a line if an ``image`` misses its accuracy, and for each layer that marks pixels.
+
+    Lines begin with ``stem``, the start of the names of the image's files.
+    """
     aim = image.options.accuracy
     effort = image.effort
     if effort.strategy not in ("", image.options.strategy):
         yield f"{stem}: strategy {effort.strategy} instead of {image.options.strategy}: {effort.stopped}"
     if aim is not None and image.doubtful > aim:
-        defaults = RenderOptions()
-        given = image.options
-        set_to = {name: getattr(given, name) for name in _KNOBS}
-        knobs = [f"{name}={value}" for name, value in set_to.items() if value != getattr(defaults, name)]
-        fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
-        yield f"{stem}: {missed}: {effort.stopped}{fixed}"
+        yield f"{stem}: {missed}: {effort.stopped}{_limiting(image.options)}"
     if image.unknown_colors:
         pixels = sum(image.unknown_colors.values())
         several = len(image.unknown_colors)
@@ -162,6 +185,17 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
+
+
+def _limiting(options: RenderOptions) -> str:
+    """Return the end of a sentence that names options that limit the accuracy; empty if there are none."""
+    defaults = RenderOptions()
+    limits = []
+    for name in _KNOBS:
+        value = getattr(options, name)
+        if value != getattr(defaults, name):
+            limits.append(f"{name}={value}")
+    return f"; {', '.join(limits)} may make it impossible" if limits else ""
 
 
 class Captured(NamedTuple):
@@ -190,11 +224,11 @@ def capture(
     """
     check(job)
     needed = dict[Request, None]()
-    held = _recorded(path)
+    rows = _recorded(path)
     meter = Meter(len(job), progress)
-    recorded = frozenset(view_from_json(row.asked) for row in held if border_px == "overscan")
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
+            recorded = {view_from_json(row.asked) for row in rows}
             border_px = _overscan_px(job, source, recorded)
         renderer = Renderer(source)
         planned = list(frames_by_instant(job))
@@ -202,23 +236,52 @@ def capture(
         source.objects()
         check_faults(job, planned)
         for shared in planned:
-            for done, (instant, views, shown) in enumerate(shared.captured, start=1):
-                report = meter.part() if done == len(shared.captured) else without_images(meter.part())
-                with renderer_at(renderer, instant) as renderer_then:
-                    plan = partial(renderer_then.plan, options=job.options, border_px=border_px)
-                    plans = [plan(camera, pose) for camera, pose in views]
-                    if job.options.checks == "light" or any(plan.doubt_share is not None for plan in plans):
-                        asked = HeldCaptures(renderer_then.source, {})
-                        list(renderer.of(asked).render_together(views, shown, job.options))
-                        needed |= dict.fromkeys(asked.requests)
-                        report(Progress(images=len(views)))
-                        continue
-                    modes = job.options.sampled(shown)
-                    plans = planning.share_captures(plans, modes)
-                    take = partial(_capture_plans, plans=plans, modes=modes, before=needed, report=report)
-                    needed |= verify_still(renderer_then.source, modes, take)
-    made = [one for each in needed for one in (exposures_of(each, job.brackets) if job.brackets else [each])]
-    return Captured(len(made), len({key_of(request) for request in made} - {row.key for row in held}))
+            last = len(shared.captured) - 1
+            for number, moment in enumerate(shared.captured):
+                report = meter.part() if number == last else without_images(meter.part())
+                needed |= _capture_moment(job, renderer, moment, border_px, needed, report)
+    captured: set[str] = set()
+    count = 0
+    for request in needed:
+        exposures = exposures_of(request, job.brackets) if job.brackets else [request]
+        count += len(exposures)
+        captured.update(map(key_of, exposures))
+    return Captured(count, len(captured - {row.key for row in rows}))
+
+
+def _capture_moment(
+    job: Job,
+    renderer: Renderer,
+    moment: InstantViews,
+    border_px: int | None,
+    before: dict[Request, None],
+    report: Report,
+) -> dict[Request, None]:
+    """Capture all that images of one instant need, but for requests before; return the requests in order.
+
+    Args:
+        job: whose options the images have.
+        renderer: of the job's source.
+        moment: the instant, its views, and the modes that are captured of it.
+        border_px: how much wider views are on every side; None for what the widest filter needs.
+        before: requests that are captured already.
+        report: called as captures progress.
+    """
+    instant, views, shown = moment
+    with renderer_at(renderer, instant) as renderer_then:
+        plans = []
+        for camera, pose in views:
+            plans.append(renderer_then.plan(camera, pose, options=job.options, border_px=border_px))
+        if job.options.checks == "light" or any(plan.doubt_share is not None for plan in plans):
+            # Which captures are needed depends on their pixels: the images are composed.
+            counting = HeldCaptures(renderer_then.source, {})
+            list(renderer.of(counting).render_together(views, shown, job.options))
+            report(Progress(images=len(views)))
+            return dict.fromkeys(counting.requests)
+        modes = job.options.sampled(shown)
+        plans = planning.share_captures(plans, modes)
+        take = partial(_capture_plans, plans=plans, modes=modes, before=before, report=report)
+        return verify_still(renderer_then.source, modes, take)
 
 
 def _recorded(path: Path) -> list[Row]:
@@ -237,11 +300,17 @@ def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | 
     if job.options.strategy != "cube" or edge == "auto" or fixed:
         return None
     wider_px = [view.width - edge for view in recorded if abs(2 * view.focal_px / edge - 1) < _SAME_PITCH]
-    return min(wider_px) // 2 if wider_px else max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
+    if wider_px:
+        return min(wider_px) // 2
+    return max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
 
 
 def _capture_plans(
-    source: Source, plans: Sequence[Plan], modes: tuple[str, ...], before: dict[Request, None], report: Report
+    source: Source,
+    plans: Sequence[Plan],
+    modes: tuple[str, ...],
+    before: dict[Request, None],
+    report: Report,
 ) -> dict[Request, None]:
     """Capture what plans of one instant need, but for requests before; return the new ones in their order.
     ``report`` is called after each viewpoint and plan."""
@@ -275,21 +344,25 @@ def costs(job: Job) -> list[Cost]:
 
     Seconds are by the job's ``capture_ms``. Strategies that the source does not support are left out.
     """
-    ways: dict[str, dict[str, Any]] = {
-        "auto": {"strategy": "auto", "accuracy": None},
-        **{f"{100 * aim:g} %": {"strategy": "auto", "accuracy": aim} for aim in _AIMS},
-        **{name: {"strategy": name, "accuracy": None} for name in planning.names() if name != "auto"},
-    }
+    ways: dict[str, tuple[str, float | None]] = {"auto": ("auto", None)}  # strategy and accuracy
+    for aim in _AIMS:
+        ways[f"{100 * aim:g} %"] = ("auto", aim)
+    for name in planning.names():
+        ways.setdefault(name, (name, None))
     found = []
     check(job)
     with opened(replace(job, record=None)) as (job, source):
-        moments = [moment for shared in frames_by_instant(job) for moment in shared.captured]
+        moments: _Moments = []
+        for shared in frames_by_instant(job):
+            moments += shared.captured
         chosen = _spread(moments)
         planned = _planned(job, chosen, partial(Renderer(source).plan, options=job.options))
-        for way, changes in ways.items():
+        for way, (strategy, accuracy) in ways.items():
             with suppress(ArgumentError):
-                total = reduce(add, (cost(way, plans, modes, **changes) for modes, plans in planned))
-                found.append(total.times(len(moments) / len(chosen)))
+                by_state = []
+                for modes, plans in planned:
+                    by_state.append(cost(way, plans, modes, strategy=strategy, accuracy=accuracy))
+                found.append(reduce(add, by_state).times(len(moments) / len(chosen)))
     return found
 
 
@@ -306,7 +379,7 @@ def _spread(moments: _Moments) -> _Moments:
     chosen = list(by_centers.values())[::step]
     line = "planned at %d of %d places and instants, which stand for the others"
     _log.info(line, len(chosen), len(by_centers))
-    return [moment for at_centers in chosen for moment in at_centers]
+    return list(chain.from_iterable(chosen))
 
 
 def measured_price(job: Job) -> Price:
@@ -323,8 +396,13 @@ def _planned(job: Job, moments: _Moments, plan_of: Callable[[Camera, Pose], Plan
     for instant, views, modes in moments:
         plans = [plan_of(camera, pose) for camera, pose in views]
         plans_of.setdefault((instant.state, modes), []).append(plans)
-    planned = [(job.options.sampled(modes), plans) for (_, modes), plans in plans_of.items()]
-    exposures = [(("lit",), plans) for modes, plans in planned if "lit" in modes]
+    planned: _Planned = []
+    exposures: _Planned = []
+    for (_, captured), of_state in plans_of.items():
+        modes = job.options.sampled(captured)
+        planned.append((modes, of_state))
+        if "lit" in modes:
+            exposures.append((("lit",), of_state))
     return planned + exposures * max(0, len(job.brackets) - 1)
 
 
@@ -333,9 +411,12 @@ def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
     if source.recorded_views() is not None:
         return 0.0
     can = source.capabilities
-    shape = can.fov_deg or 90.0, *(can.image_size or (edge, edge))
-    turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
-    requests = [Request(View(pose, *shape), "lit", source.state) for pose in turned]
+    fov_deg = can.fov_deg or 90.0
+    width, height = can.image_size or (edge, edge)
+    requests = []
+    for turn in range(_PROBES):
+        view = View(Pose.from_angles((0, 0, 1.5), yaw_deg=turn), fov_deg, width, height)
+        requests.append(Request(view, "lit", source.state))
     list(source.capture(requests[:1]))  # the first one sets size and field of view
     started = time.perf_counter()
     for request in requests:  # one at a time: a source reads ahead

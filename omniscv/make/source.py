@@ -19,6 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant, Motion
+from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.geometry.trajectory import NS, Poses, Trajectory, nanoseconds
 from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
@@ -34,12 +35,12 @@ from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import SourceOptions, open_sources
 from omniscv.sources.world import SharedExposure
 
-_WIDTH = 256
-_FACE_PX = 128
-_NEAREST_LOOKS = 8
+_WIDTH = 256  # of panoramas of depth, px
+_FACE_PX = 128  # of the faces that these are composed of
+_NEAREST_LOOKS = 8  # panoramas that are tried for whether a position is visible
 MOSTLY_NOTHING = 0.99
-"""Share of the rays that meet nothing from which a position is taken to be a mistake."""
-_LOOK_PX = 64  # columns of an image, about, at which what it shows is counted
+"""Share of rays without a surface: a position with more is taken to be a mistake."""
+_LOOK_PX = 64  # columns of an image, about, at which its objects are counted
 
 
 def source_options(job: Job) -> SourceOptions:
@@ -54,7 +55,10 @@ def source_options(job: Job) -> SourceOptions:
 
 
 def open_source(job: Job, live: Source | None = None) -> Source:
-    """Open a job's source, recorded if the job has a recording; ``live`` is the source without it."""
+    """Open the source of a ``job``, recorded if the job has a recording.
+
+    ``live`` is the source without its recording; it is opened if not given.
+    """
     source = open_sources(job.sources, **source_options(job)) if live is None else SourceView(live)
     try:
         if job.record is not None:
@@ -70,9 +74,9 @@ def open_source(job: Job, live: Source | None = None) -> Source:
 
 
 def captured_of(job: Job, source: Source) -> dict[str, Any]:
-    """Return what a job's captures are of, as a recording has it, and the record of a dataset.
+    """Return what the captures of a ``job`` show, as a recording and the record of a dataset have it.
 
-    Replayed captures are of what was recorded.
+    ``source`` is the open source of the job. If it is a recording, it is what was recorded.
     """
     known = source.recorded_origin or {}
     world = known.get("world") if known else source.world_digest
@@ -92,7 +96,7 @@ def _check_recorded(path: Path, origin: Mapping[str, Any]) -> None:
         return
     with closing(Store(path)) as store:
         known = store.origin()
-    same = {"freeze": ""}  # captures of an instant are the same, however the world is kept there
+    same = {"freeze": ""}  # captures of an instant are the same, whatever stops the world
     if known is not None and (difference := world_difference({**known, **same}, {**origin, **same})):
         expected = "expected a recording of the same captures"
         raise ArgumentError(f"record: {path}: {expected}; its {difference}; record into another file")
@@ -100,7 +104,7 @@ def _check_recorded(path: Path, origin: Mapping[str, Any]) -> None:
 
 @contextmanager
 def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]:
-    """Give a job with its poses, and its open source; ``live`` as for :func:`open_source`.
+    """A ``job`` with its poses, and its open source; ``live`` as for :func:`open_source`.
 
     A game whose objects the job moves is paused from the first image to the last. So is a game that is frozen
     for a job without times: all its images show one instant.
@@ -114,20 +118,7 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,
     ):
         if job.sampling is not None:
-            sampled, faults = _sampled(job, job.sampling, still)
-            timed = sampled.later(job.epoch_ns or 0)
-            path = timed if timed.times_ns else None
-            times = timed.times_ns if job.times_ns is None else job.times_ns
-            job = replace(
-                job,
-                poses=sampled.poses,
-                times_ns=times,
-                path=path,
-                sampling=None,
-                faults=faults,
-                sampled=job.sampling,
-            )
-            job = within_path(job)
+            job = _with_sampled_poses(job, job.sampling, still)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
         job = with_own_cameras(job, still)
@@ -136,6 +127,22 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
+
+
+def _with_sampled_poses(job: Job, sampling: SampledPoses, source: Source) -> Job:
+    """Return a job with poses that are sampled in its open source."""
+    sampled, faults = _sampled(job, sampling, source)
+    timed = sampled.later(job.epoch_ns or 0)
+    job = replace(
+        job,
+        poses=sampled.poses,
+        times_ns=timed.times_ns if job.times_ns is None else job.times_ns,
+        path=timed if timed.times_ns else None,
+        sampling=None,
+        faults=faults,
+        sampled=sampling,
+    )
+    return within_path(job)
 
 
 def origin_of(job: Job, source: Source) -> dict[str, Any]:
@@ -147,15 +154,14 @@ def origin_of(job: Job, source: Source) -> dict[str, Any]:
         source: its open source.
     """
     identity = source.scene_identity
-    is_frozen = job.freeze not in (None, "none") and not job.moves
-    table = source.objects().names() if is_frozen else []
-    frozen = {name: pose.to_dict() for name, pose in source.poses(table).items()} if is_frozen else {}
-    poses = Poses.of(job.poses)
-    numbers = hashlib.sha256(np.ascontiguousarray(poses.positions).tobytes())
-    numbers.update(np.ascontiguousarray(poses.rotations).tobytes())
-    for own in map(Poses.of, job.own_poses.values()):
-        numbers.update(np.ascontiguousarray(own.positions).tobytes())
-        numbers.update(np.ascontiguousarray(own.rotations).tobytes())
+    frozen = {}
+    if job.freeze not in (None, "none") and not job.moves:
+        for name, pose in source.poses(source.objects().names()).items():
+            frozen[name] = pose.to_dict()
+    numbers = hashlib.sha256()
+    for poses in map(Poses.of, (job.poses, *job.own_poses.values())):
+        numbers.update(np.ascontiguousarray(poses.positions).tobytes())
+        numbers.update(np.ascontiguousarray(poses.rotations).tobytes())
     described_frames = [numbers.hexdigest(), job.times_ns, job.places, list(job.cameras), job.epoch_ns]
     return {
         **captured_of(job, source),
@@ -167,12 +173,13 @@ def origin_of(job: Job, source: Source) -> dict[str, Any]:
 
 
 def _settings(sampling: SampledPoses) -> dict[str, Any]:
-    """Return how poses are drawn, but for how many."""
-    settings = {key: value for key, value in asdict(sampling).items() if key != "count"}
-    return {
-        key: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
-        for key, value in settings.items()
-    }
+    """Return how poses are drawn, without their number."""
+    settings = asdict(sampling)
+    settings.pop("count", None)
+    for key, value in settings.items():
+        if isinstance(value, np.ndarray):
+            settings[key] = value.tolist()
+    return settings
 
 
 def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
@@ -184,17 +191,23 @@ def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
             at_ns = time_ns + nanoseconds(part * longest)
             own = source.own_poses((at_ns - job.clock_start_ns) / NS)
             if own is None and not job.motions:
-                got = f"auto of {source.capabilities.dialect or 'a source'} that cannot"
+                dialect = source.capabilities.dialect or "a source"
                 wanted = "expected a number, or a source that tells how its objects move"
-                raise ArgumentError(f"exposure.instants: {wanted}, got {got}")
+                raise ArgumentError(f"exposure.instants: {wanted}, got auto of {dialect} that cannot")
             for name, pose in (own or {}).items():
                 poses.setdefault(name, {})[at_ns] = pose
-    ordered = {name: dict(sorted(of.items())) for name, of in poses.items()}
-    return {name: Motion(Trajectory([*of.values()], (*of,))) for name, of in ordered.items()}
+    motions = {}
+    for name, pose_at in poses.items():
+        times_ns = sorted(pose_at)
+        motions[name] = Motion(Trajectory([pose_at[at_ns] for at_ns in times_ns], tuple(times_ns)))
+    return motions
 
 
 def draws_of(job: Job, source: Source) -> Draws:
-    """Return the draws of a job in its open source."""
+    """Return the draws of a ``job`` whose ``vary`` is set, in its open ``source``.
+
+    ArgumentError: the source cannot vary something, or an object that is varied has a motion.
+    """
     vary = job.vary
     can = source.capabilities
     assert vary is not None
@@ -204,12 +217,14 @@ def draws_of(job: Job, source: Source) -> Draws:
             if need not in can.varies:
                 wanted = f"expected a source that varies {need}"
                 known = " and ".join(sorted(can.varies))
-                got = f"got {can.dialect or 'one'}, which varies {known or 'nothing'}"
-                raise ArgumentError(f"vary.{kind}.{name}: {wanted}, {got}")
-    near = [name for name, settings in vary.objects.items() if settings.get("clearance")]
-    boxes = source.geometry().boxes if near else {}
-    at_rest = source.poses(list(boxes)) if near else {}
-    pivots = {name: pose.position for name, pose in at_rest.items()}
+                other = f"{can.dialect or 'one'}, which varies {known or 'nothing'}"
+                raise ArgumentError(f"vary.{kind}.{name}: {wanted}, got {other}")
+    boxes: Mapping[str, ObjectBox] = {}
+    pivots = {}
+    if any(settings.get("clearance") for settings in vary.objects.values()):
+        boxes = source.geometry().boxes
+        for name, pose in source.poses(list(boxes)).items():
+            pivots[name] = pose.position
     draws = Draws(vary, job.world, {kind: source.variable(kind) for kind in vary.rules}, boxes, pivots)
     if both := sorted(draws.settings().get("objects", {}).keys() & job.motions.keys()):
         raise ArgumentError(f"vary.objects: expected objects without motions, got {', '.join(both)}")
@@ -217,7 +232,7 @@ def draws_of(job: Job, source: Source) -> Draws:
 
 
 def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
-    """Return the poses that a description samples in a source."""
+    """Return the poses that ``sampling`` describes, free ones in the open ``source`` if it asks for that."""
     if sampling.clearance is None or sampling.start is None:
         return sampling.poses()
     return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)
@@ -228,27 +243,48 @@ def _sampled(job: Job, sampling: SampledPoses, source: Source) -> tuple[Trajecto
     visible = sampling.visible
     if visible is None or sampling.clearance is None or sampling.start is None:
         return sample_poses(sampling, source), {}
-    rules = None if job.recipe.classes is None else class_rules(job.recipe.classes)
-    table = source.objects()
-    labels = [table.label(name) for name in table.names() if rules and rules.class_of(name) == visible.name]
+    labels = _labels_of_class(job, source, visible.name)
     if not labels:
         wanted = f"expected a class of the job's classes that objects have, got {shown(visible.name)}"
         raise ArgumentError(f"poses.visible.class: {wanted}")
     space = FreeSpace(source, sampling.start, sampling.clearance, labels)
 
     def share(pose: Pose) -> float:
+        """Return the largest share of an image at a ``pose`` that shows the class."""
         mounted = {} if job.rig is None else job.rig.poses(pose, None)
-        placed = {name: camera for name, camera in job.cameras.items() if name not in job.own_cameras}
-        return max(space.share(camera, mounted.get(name, pose)) for name, camera in placed.items())
+        shares = []
+        for name, camera in job.cameras.items():
+            if name not in job.own_cameras:
+                shares.append(space.share(camera, mounted.get(name, pose)))
+        return max(shares)
 
     found = sampling.poses(space.is_free, lambda pose: share(pose) >= visible.share)
-    wanted = f"expected a pose that shows {visible.share:g} of {visible.name}, got {{:.3g}} at the last drawn"
-    shares = enumerate(map(share, found.poses))
-    return found, {i: wanted.format(got) for i, got in shares if got < visible.share}
+    wanted = f"expected a pose that shows {visible.share:g} of {visible.name}"
+    faults = {}
+    for index, pose in enumerate(found.poses):
+        actual = share(pose)
+        if actual < visible.share:
+            faults[index] = f"{wanted}, got {actual:.3g} at the last drawn"
+    return found, faults
+
+
+def _labels_of_class(job: Job, source: Source, class_name: str) -> list[int]:
+    """Return the source's labels of the objects of a class of a job; none if the job has no classes."""
+    table = source.objects()
+    if job.recipe.classes is None:
+        return []
+    rules = class_rules(job.recipe.classes)
+    return [table.label(name) for name in table.names() if rules.class_of(name) == class_name]
 
 
 class _Look(NamedTuple):
-    """A panorama: (3,) its centre, world frame, (H, W) metres, and where it shows what is to be visible."""
+    """A panorama.
+
+    Attributes:
+        position_w: (3,) its centre, metres, world frame.
+        depth: (H, W) metres along the rays.
+        shown: (H, W) whether a pixel shows an object that is to be visible.
+    """
 
     position_w: Array
     depth: NDArray[np.float32]
@@ -284,18 +320,19 @@ class FreeSpace:
         self._looks = [self._look(numbers("start", start, (3,)))]
         if np.isinf(self._looks[0].depth).mean() >= MOSTLY_NOTHING:
             wanted = "expected a start, or the middle of the box, where something is seen"
-            got = f"{shown(start)} m, where {100 * MOSTLY_NOTHING:g} % of the rays meet nothing"
+            place = f"{shown(start)} m, where {100 * MOSTLY_NOTHING:g} % of the rays meet nothing"
             scene = ""
             if boxes := [box.corners_w() for box in source.geometry().boxes.values()]:
-                low, high = (edge(boxes, axis=(0, 1)).round(2).tolist() for edge in (np.min, np.max))
+                low = np.min(boxes, axis=(0, 1)).round(2).tolist()
+                high = np.max(boxes, axis=(0, 1)).round(2).tolist()
                 scene = f"; the objects lie from {low} to {high}"
-            raise ArgumentError(f"poses: {wanted}; got {got}{scene}")
+            raise ArgumentError(f"poses: {wanted}; got {place}{scene}")
 
     def is_free(self, position_w: Array) -> bool:
         """Return whether a position (3,), metres, world frame, is free."""
-        away = [float(np.linalg.norm(position_w - look.position_w)) for look in self._looks]
+        away = [_distance(look, position_w) for look in self._looks]
         order = np.argsort(away, kind="stable")[:_NEAREST_LOOKS]
-        if not any(self._sees(self._looks[i], position_w, away[i]) for i in order):
+        if not any(self._sees(self._looks[number], position_w, away[number]) for number in order):
             return False
         look = self._look(position_w)
         if look.depth.min() < self.clearance:
@@ -304,8 +341,11 @@ class FreeSpace:
         return True
 
     def share(self, camera: Camera, pose: Pose) -> float:
-        """Return the share of an image at a free position that shows what is to be visible, about."""
-        look = min(self._looks, key=lambda look: float(np.linalg.norm(look.position_w - pose.position)))
+        """Return about which share of an image shows what is to be visible.
+
+        The image is that of a ``camera`` whose ``pose``, in the world frame, is at a free position.
+        """
+        look = min(self._looks, key=lambda look: _distance(look, pose.position))
         step = max(1, camera.width // _LOOK_PX)
         rays = camera.unproject(camera.pixels()[::step, ::step])
         directions_w = rays.directions[rays.valid] @ pose.R_w_c.T
@@ -313,6 +353,7 @@ class FreeSpace:
         return float(look.shown[row.clip(max=_WIDTH // 2 - 1), column % _WIDTH].mean())
 
     def _look(self, position_w: Array) -> _Look:
+        """Capture the panorama of a position."""
         options = RenderOptions(face_size=_FACE_PX)
         pose = Pose.from_angles(position_w)
         image = self._renderer.render(self._camera, pose, self._modes, options)
@@ -329,3 +370,8 @@ class FreeSpace:
         rows = np.clip(int(v) + np.arange(-1, 2), 0, self._camera.height - 1)
         columns = (int(u) + np.arange(-1, 2)) % self._camera.width
         return bool(look.depth[np.ix_(rows, columns)].min() > away)
+
+
+def _distance(look: _Look, position_w: Array) -> float:
+    """Return the distance of a position from a panorama's centre, metres."""
+    return float(np.linalg.norm(position_w - look.position_w))
