@@ -1,4 +1,4 @@
-"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, Hypersim, Isaac."""
+"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, SUN RGB-D, Hypersim, Isaac."""
 
 import re
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, BadReplyError
-from omniscv.geometry import Array, Pose
+from omniscv.geometry import R_LEVEL, Array, Pose
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.importing.conventions import Words
 from omniscv.importing.lenses import Pinhole, Wide, of_file
@@ -147,6 +147,67 @@ def _pincam(folder: Path, picture: Path, options: Options) -> Pinhole | Wide | N
         words = decode_text(read_bytes(file, MOST_JSON_BYTES)).split()
         width, height, fx, fy, cx, cy = numbers("lens", words, (6,)).tolist()
         return Pinhole(number("fx", fx, above=0), number("fy", fy, above=0), cx, cy, width, height)
+
+
+def sun_rgbd(folder: Path, options: Options) -> Sequence:
+    """Return the frame of a scene of SUN RGB-D, which is a world of its own: its camera is at the origin, and
+    ``extrinsics`` turns its axes (x right, y down, z ahead) to level ones."""
+    scenes = sorted({file.parent.parent for file in folder.glob("*/**/extrinsics/*.txt")})
+    if not (folder / "extrinsics").is_dir() and scenes:
+        example = shown(scenes[0].relative_to(folder).as_posix())
+        expected = "expected the folder of one scene, because each is a world of its own"
+        raise ArgumentError(f"{expected}, got {len(scenes)} of them; import one, such as {example}")
+    lit = _only_picture(folder / "image")
+    if lit is None:
+        raise ArgumentError("expected one picture in image/, got none")
+    paths = {"lit": lit}
+    says = ["the camera is at the origin; objects of seg.mat and annotation2Dfinal are not taken"]
+    depth = _only_picture(folder / "depth")
+    filled = _only_picture(folder / "depth_bfx")
+    if depth is not None:
+        paths["depth"] = depth
+    elif filled is not None:
+        paths["depth"] = filled
+        says.append("depth_bfx is a guess where the sensor saw nothing; depth/ is what it saw")
+    pose = Pose(np.zeros(3), R_LEVEL @ _tilt(folder))
+    lens = _sun_rgbd_lens(folder, lit, options)
+    return Sequence([Frame(paths, pose, lens, {"depth": Files(unit="sunrgbd")})], says=tuple(says))
+
+
+def _only_picture(folder: Path) -> Path | None:
+    """Return the picture in a folder; None if there is no folder, or none in it."""
+    if not folder.is_dir():
+        return None
+    pictures = sorted(file for file in folder.iterdir() if file.suffix.lower() in foreign.SUFFIXES)
+    if len(pictures) > 1:
+        raise ArgumentError(f"{folder.name}: expected the picture of one scene, got {len(pictures)}")
+    return pictures[0] if pictures else None
+
+
+def _tilt(folder: Path) -> Array:
+    """Return the rotation (3, 3) from a camera of SUN RGB-D to level axes: of several files the last one."""
+    files = sorted((folder / "extrinsics").glob("*.txt"))
+    if not files:
+        raise ArgumentError("expected a rotation in extrinsics/, got no text")
+    with within(f"extrinsics/{files[-1].name}"):
+        words = decode_text(read_bytes(files[-1], MOST_JSON_BYTES)).split()
+        matrix = numbers("rotation", words, (12,)).reshape(3, 4)
+        row = Rows.of_entries([("rotation", {"transform_matrix": np.vstack([matrix, [0, 0, 0, 1]])})])
+        _, (rotation,) = row.poses("camera")
+        return np.asarray(rotation)
+
+
+def _sun_rgbd_lens(folder: Path, lit: Path, options: Options) -> Pinhole | Wide | None:
+    """Return the lens of ``intrinsics.txt``: a matrix whose first pixel has its centre at 0."""
+    height, width = foreign.read(lit, "lit").pixels.shape[:2]
+    if options.intrinsics:
+        return of_file(options.intrinsics, (width, height))
+    with within("intrinsics.txt"):
+        words = decode_text(read_bytes(folder / "intrinsics.txt", MOST_JSON_BYTES)).split()
+        fx, _, cx, _, fy, cy, *_ = numbers("matrix", words, (9,)).tolist()
+        fx = number("fx", fx, above=0)
+        fy = number("fy", fy, above=0)
+        return Pinhole(fx, fy, cx + 0.5, cy + 0.5, width, height)
 
 
 def hypersim(folder: Path, options: Options) -> Sequence:

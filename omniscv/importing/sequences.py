@@ -145,6 +145,7 @@ def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
         "gaussian-splatting": ("cameras.json", listed_cameras.gaussian_splatting),
         "llff": ("poses_bounds.npy", listed_cameras.llff),
         "arkitscenes": ("*.traj", listed_cameras.arkit_scenes),
+        "sunrgbd": ("image/../extrinsics/*.txt", listed_cameras.sun_rgbd),
         "hypersim": ("_detail/metadata_scene.csv", listed_cameras.hypersim),
         "isaac": ("**/camera_params_*.json", listed_cameras.isaac),
     }

@@ -12,6 +12,7 @@ import omniscv
 from omniscv.chart import traced
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.sources import View
 from omniscv.sources.base import Request
 from omniscv.sources.pictures import DepthForm, read_picture
 
@@ -205,6 +206,66 @@ def test_depth_of_sun_rgbd(tmp_path):
     put(tmp_path / "d.png", stored)
     depth = read_picture(tmp_path / "d.png", "depth", DepthForm.parse("sunrgbd")).pixels
     np.testing.assert_allclose(depth, [[np.inf, 0.001, 2.003, 7.999]], rtol=1e-6)
+
+
+TILTED = views([Pose.from_angles((0, 0, 0), 0, -12, 4)], f=(1.1, 1.15), c=(0.48, 0.53), size=SIZE)[0]
+
+
+def sun_rgbd(folder, depths=("depth", "depth_bfx")):
+    """A camera 1.3 m above the floor, whose world has its origin there; ``depth_bfx`` fills what was missing.
+
+    As the toolbox of the data set: its axes x right, y ahead, z up are A @ extrinsics @ the camera's.
+    """
+    moved = View(Pose(AT, TILTED.pose.R_w_c), TILTED.fov_deg, *SIZE, TILTED.lens)
+    lit, planar, _ = seen(moved)
+    put(folder / "image/0000103.png", lit)
+    mm = np.uint32(np.round(1000 * planar))
+    for name in depths:
+        missing = np.arange(SIZE[0]) % 7 == 0 if name == "depth" else np.zeros(SIZE[0], bool)
+        stored = np.where(missing, 0, mm)
+        put(folder / f"{name}/0000103.png", np.uint16((stored << 3 | stored >> 13) & 0xFFFF))
+    fx, fy, cx, cy = TILTED.projection
+    (folder / "intrinsics.txt").write_text(f"{fx} 0 {cx - 0.5} 0 {fy} {cy - 0.5} 0 0 1 ")
+    A = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # axes of the toolbox from those of pictures
+    right_ahead_up = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    E = A.T @ right_ahead_up @ TILTED.pose.R_w_c
+    (folder / "extrinsics").mkdir(exist_ok=True)
+    (folder / "extrinsics/20140101000000.txt").write_text("nothing: an earlier try")
+    rows = [" ".join(map(str, [*row, 0])) for row in E]
+    (folder / "extrinsics/20150118235401.txt").write_text("\n".join(rows))
+    return planar
+
+
+@pytest.mark.parametrize("depths", [("depth", "depth_bfx"), ("depth_bfx",), ()])
+def test_a_scene_of_sun_rgbd(depths, tmp_path, capsys):
+    (tmp_path / "f").mkdir()
+    planar = sun_rgbd(tmp_path / "f", depths)
+    assert run(tmp_path / "f", tmp_path / "a.sqlite") == 0
+    out = capsys.readouterr().out
+    assert "layout sunrgbd: 1 place, 1 of lit" in out
+    assert ("depth_bfx is a guess" in out) == (depths == ("depth_bfx",))
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        (own,) = source.recorded_views()
+        np.testing.assert_allclose(own.pose.R_w_c, TILTED.pose.R_w_c, atol=1e-6)
+        np.testing.assert_allclose(own.pose.position, (0, 0, 0), atol=1e-9)
+        np.testing.assert_allclose(own.projection, TILTED.projection, atol=1e-6)
+        if depths:
+            (depth,) = source.capture([Request(own, "depth")])
+            known = np.isfinite(depth.pixels)
+            assert known.all() == ("depth" not in depths)
+            assert np.abs(depth.pixels - planar)[known].max() <= 0.0005 + 1e-6
+
+
+def test_scenes_of_sun_rgbd_are_worlds_of_their_own(tmp_path, capsys):
+    for name in ("NYU0001", "NYU0002"):
+        (tmp_path / "kv1" / name).mkdir(parents=True)
+        sun_rgbd(tmp_path / "kv1" / name)
+    assert run(tmp_path / "kv1", tmp_path / "a.sqlite", "--layout", "sunrgbd") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "got 2 of them; import one, such as 'NYU0001'" in line
+    (tmp_path / "kv1/NYU0001/extrinsics/20150118235401.txt").write_text("1 0 0 0\n" * 6)
+    assert run(tmp_path / "kv1/NYU0001", tmp_path / "a.sqlite") == 2
+    assert "extrinsics/20150118235401.txt" in capsys.readouterr().err
 
 
 def test_hypersim(tmp_path, capsys):
