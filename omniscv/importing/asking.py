@@ -25,6 +25,10 @@ def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, .
     if verdict is None:
         return sequence, ()
     if not verdict.contradicts:
+        if verdict.colors and not trust_words:
+            expected = "expected colours that lie over depth, got colours that agree if they are turned"
+            remedy = f"write colours {verdict.colors} (depth is as it should be)"
+            raise ArgumentError(f"{expected}; {remedy}; or --trust-words takes them as said")
         return sequence, (verdict.line(),)
     if trust_words and not sequence.refused:
         return sequence, (f"{verdict.line()}; taken as said",)

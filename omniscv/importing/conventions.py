@@ -49,6 +49,12 @@ _FLIPPED = {
     "the other way up, as numpy.flipud does": (1, -1, 1),
 }
 """How pictures are turned, and which axes of the camera that exchanges."""
+_COLORS_TURNED = {
+    "with left and right exchanged, as numpy.fliplr does": (-1.0, 1.0),
+    "the other way up, as numpy.flipud does": (1.0, -1.0),
+    "turned by 180 degrees, as numpy.rot90 with k=2 does": (-1.0, -1.0),
+}
+"""How colours are turned beside depth, and their scale across and down about the middle."""
 _OF_DEPTH_ALONE = 0.7  # of its agreement, which colours beside depth that is turned alone do not reach
 _BY = {
     **dict.fromkeys(("nerfstudio", "tum", "arkitscenes", "isaac"), "format"),
@@ -133,6 +139,7 @@ class Verdict:
     tied: tuple[Convention, ...] = ()  # what pictures cannot tell from the best
     median: float = 1.0  # of depth, as read
     why: str = ""
+    colors: str = ""  # how colours are put right that are turned beside depth; empty where they are not
 
     @property
     def contradicts(self) -> bool:
@@ -270,16 +277,36 @@ class _Search:
                 scores[each] = self._score(each, points, tolerance)
         return sorted((scores[each] for each in asked), key=lambda score: -score.mean)
 
-    def _score(self, convention: Convention, points: int, tolerance: float) -> Score:
+    def turned_colors(self, convention: Convention) -> str:
+        """Return how to put colours right that agree from picture to picture only if they are turned about
+        their middle; empty where they agree as they are, or do not tell."""
+        if self.pictures.grey is None:
+            return ""
+        motion = self._motion(convention)
+        how = (*_READ[0], convention.along)
+        as_said = self.pictures.agreements(*motion, how)[:, 1].mean()
+        agreements = {}
+        for words, scale in _COLORS_TURNED.items():
+            agreements[words] = self.pictures.agreements(*motion, how, (*scale, 0, 0))[:, 1].mean()
+        best = max(agreements, key=lambda words: float(agreements[words]))
+        is_turned = agreements[best] >= LEAST and as_said < _CLEAR * agreements[best]
+        return best if is_turned else ""
+
+    def _motion(self, convention: Convention) -> tuple[Array, Array]:
+        """Return rotations (P, 3, 3) and translations (P, 3), in units of depth, between pairs of cameras."""
         pictures = self.pictures
         form = convention._replace(axes=_I, ratio=1.0, along=False)
         if form not in self._motions:
             R, t = form.poses(*self._file)
             self._motions[form] = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
-        (turn, step) = self._motions[form]
+        turn, step = self._motions[form]
         C = convention.C
+        return C.T @ turn @ C, step @ C / convention.ratio
+
+    def _score(self, convention: Convention, points: int, tolerance: float) -> Score:
+        pictures = self.pictures
         how = points, tolerance, convention.along
-        depth, grey = pictures.agreements(C.T @ turn @ C, step @ C / convention.ratio, how).T
+        depth, grey = pictures.agreements(*self._motion(convention), how).T
         pairs = depth if pictures.grey is None else (depth + np.maximum(grey, 0)) / 2
         return Score(convention, pairs, float(pairs.mean()), float(depth.mean()))
 
@@ -336,7 +363,8 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
     following = next((score for score in scores if not _are_tied(best, score)), None)
     others = tuple(score.convention for score in tied if score is not nearest)
     why = f"they agree by {best.mean:.2f} at best" if best.mean < LEAST else ""
-    return Verdict(words, nearest, of_words, following, others, float(np.median(surfaces)), why)
+    colors = search.turned_colors(nearest.convention)
+    return Verdict(words, nearest, of_words, following, others, float(np.median(surfaces)), why, colors)
 
 
 def _are_tied(best: Score, other: Score) -> bool:

@@ -121,15 +121,16 @@ WALK = [Pose.from_angles(at, 20 + 9 * i, 4 * (i % 3), 3 * (i % 2)) for at in (AT
     [
         ({"depth"}, "write depth with left and right exchanged, as numpy.fliplr does (colours are as"),
         ({"depth", "lit"}, "write --mirrored; or"),
+        ({"lit"}, "write colours with left and right exchanged, as numpy.fliplr does (depth is as"),
     ],
-    ids=["depth alone", "both"],
+    ids=["depth alone", "both", "colours alone"],
 )
 def test_mirrored_pictures_are_refused_with_what_puts_them_right(turned, says, tmp_path, capsys):
     poses = {}
     for i, view in enumerate(views(WALK, size=(128, 96))):
         lit, depth, _ = seen(view)
         put(tmp_path / f"f/rgb_{i}.png", lit[:, ::-1] if "lit" in turned else lit)
-        np.save(tmp_path / f"f/depth_{i}.npy", depth[:, ::-1])
+        np.save(tmp_path / f"f/depth_{i}.npy", depth[:, ::-1] if "depth" in turned else depth)
         poses[f"rgb_{i}.png"] = {
             "position": view.pose.position.tolist(),
             "rotation": view.pose.R_w_c.tolist(),
@@ -141,8 +142,13 @@ def test_mirrored_pictures_are_refused_with_what_puts_them_right(turned, says, t
     words = ["--intrinsics", tmp_path / "lens.json", "--poses", tmp_path / "p.json", "--frame", "camera"]
     assert run(tmp_path / "f", tmp_path / "a.sqlite", *words) == 2
     assert says in capsys.readouterr().err
-    if "lit" in turned:
+    if turned == {"depth", "lit"}:
         assert run(tmp_path / "f", tmp_path / "a.sqlite", *words, "--mirrored") == 0
+    elif turned == {"lit"}:
+        assert run(tmp_path / "f", tmp_path / "a.sqlite", *words, "--trust-words") == 0
+        for file in (tmp_path / "f").glob("*.png"):
+            put(file, np.asarray(Image.open(file))[:, ::-1])
+        assert run(tmp_path / "f", tmp_path / "b.sqlite", *words) == 0
 
 
 def test_a_panorama_with_depth_that_leans_needs_the_word_too(tmp_path, capsys):
