@@ -1,4 +1,4 @@
-"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, SUN RGB-D, Hypersim, Isaac."""
+"""Frames whose cameras other programs list: those of Gaussian Splatting, LLFF, data sets, and Isaac."""
 
 import re
 from collections.abc import Mapping
