@@ -23,7 +23,8 @@ _FEW = 8  # pixels of all pictures for each that is read; by measurement
 
 
 def reads_few(faces: Faces, rays: int) -> bool:
-    """Return whether rays read so few pixels of pictures that a copy of all takes longer than the reading."""
+    """Return whether ``rays`` rays, each a pixel, read so few of ``faces`` that a copy of all takes longer
+    than the reading."""
     return bool(rays * _FEW < len(faces) * faces[0].shape[0] * faces[0].shape[1])
 
 
@@ -38,7 +39,7 @@ def stacked(faces: Faces) -> Pixels:
         stack = faces[0][None]
     else:
         stack = np.empty((len(faces), *faces[0].shape), faces[0].dtype)
-        blocks(lambda some: np.stack(faces[some], out=stack[some]), len(faces), stack.size)
+        blocks(lambda block: np.stack(faces[block], out=stack[block]), len(faces), stack.size)
     stack.flags.writeable = False
     return stack
 
@@ -46,8 +47,14 @@ def stacked(faces: Faces) -> Pixels:
 def run(
     kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any, as_one: bool = False
 ) -> list[Any]:
-    """Call a kernel, which releases the GIL, on blocks of arrays of N rows (as one tuple if ``as_one``) and
-    on ``others``, in parallel; return its results."""
+    """Call a kernel on blocks of rows, in parallel; return its results.
+
+    Args:
+        kernel: releases the GIL.
+        rows: arrays of N rows, of which the kernel gets a block.
+        others: arguments of each call, after the blocks.
+        as_one: whether the kernel takes the blocks as one tuple.
+    """
 
     def call(block: slice) -> Any:
         parts = tuple(array[block] for array in rows)

@@ -21,8 +21,12 @@ _AT_A_TIME = 1 << 18  # pairs of positions that are in memory
 
 
 def cluster_starts(positions_w: Array, distance_m: float) -> Array:
-    """Return, for each position of (N, 3), metres, the first one of its cluster, in which neighbours are at
-    most ``distance_m`` apart."""
+    """Return (N, 3): for each position the first one of its cluster.
+
+    Args:
+        positions_w: (N, 3) metres, world frame.
+        distance_m: how far neighbours of a cluster are apart at most.
+    """
     if len(positions_w) < 2:
         return positions_w
     clusters = _Cubes(positions_w, distance_m).clusters()
@@ -68,9 +72,9 @@ class _Cubes:
         """Return the pairs of cubes whose positions have boxes that are near enough to each other."""
         low = np.minimum.reduceat(self._positions, self._starts)
         high = np.maximum.reduceat(self._positions, self._starts)
-        one = pairs[:, 0]
-        other = pairs[:, 1]
-        gaps = np.maximum(low[one] - high[other], low[other] - high[one]).clip(min=0)
+        left = pairs[:, 0]
+        right = pairs[:, 1]
+        gaps = np.maximum(low[left] - high[right], low[right] - high[left]).clip(min=0)
         near: Pairs = pairs[(gaps**2).sum(axis=1) <= (_LARGER * self._distance) ** 2]
         return near
 
@@ -84,29 +88,29 @@ class _Cubes:
         touch = np.zeros(len(pairs), np.bool_)
         step = _AT_A_TIME // _FEW
         for start in range(0, len(pairs), step):
-            some = slice(start, start + step)
-            pair = np.repeat(np.arange(len(pairs))[some], counts[some])
-            ends = np.cumsum(counts[some])
-            within = np.arange(len(pair)) - np.repeat(ends - counts[some], counts[some])
-            one, other = pairs[pair].T
-            left = self._starts[one] + within // self._sizes[other]
-            right = self._starts[other] + within % self._sizes[other]
+            block = slice(start, start + step)
+            pair = np.repeat(np.arange(len(pairs))[block], counts[block])
+            ends = np.cumsum(counts[block])
+            within = np.arange(len(pair)) - np.repeat(ends - counts[block], counts[block])
+            cube, neighbour = pairs[pair].T
+            left = self._starts[cube] + within // self._sizes[neighbour]
+            right = self._starts[neighbour] + within % self._sizes[neighbour]
             touch[pair[self._are_near(left, right)]] = True
         return touch
 
-    def _touch_by_tree(self, one: int, other: int) -> bool:
+    def _touch_by_tree(self, cube: int, neighbour: int) -> bool:
         """Return whether some positions of two cubes are near enough."""
         from scipy.spatial import cKDTree
 
-        smaller, larger = sorted((one, other), key=lambda cube: int(self._sizes[cube]))
+        smaller, larger = sorted((cube, neighbour), key=lambda index: int(self._sizes[index]))
         left = self._starts[smaller] + np.arange(self._sizes[smaller])
         right = self._starts[larger] + np.arange(self._sizes[larger])
         nearest = cKDTree(self._positions[right]).query(self._positions[left])[1]
         return bool(self._are_near(left, right[nearest]).any())
 
-    def _are_near(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
+    def _are_near(self, left: Indices, right: Indices) -> NDArray[np.bool_]:
         """Return whether positions are near enough to others, each to its own, by index."""
-        squares = (self._positions[one] - self._positions[other]) ** 2
+        squares = (self._positions[left] - self._positions[right]) ** 2
         near: NDArray[np.bool_] = (squares[:, 0] + squares[:, 1]) + squares[:, 2] <= self._distance**2
         return near
 

@@ -71,8 +71,14 @@ def _matrices(vectors: Array) -> Array:
 
 
 def rows_along(path: Trajectory, time_ns: int, ends_ns: tuple[int, int], mounted: Pose) -> Array:
-    """Return the rows, from one time to another, of what is mounted on a body that moves along a path; ends
-    may be a step beyond it, and ``time_ns`` is the image's."""
+    """Return rows of :class:`CubicPath` for what is mounted on a body that moves along a path.
+
+    Args:
+        path: of the body.
+        time_ns: of the image, whole nanoseconds: the rows' t = 0 and frame.
+        ends_ns: times of the first row and of the last, at most a step of the path beyond it.
+        mounted: the pose on the body.
+    """
     from scipy.spatial.transform import Rotation  # slow to load
 
     first = path.at(time_ns, steps_beyond=1) @ mounted
@@ -85,16 +91,25 @@ def rows_along(path: Trajectory, time_ns: int, ends_ns: tuple[int, int], mounted
         turns = Rotation.from_matrix(first.rotation.T @ body.rotations @ mounted.rotation)
         return np.column_stack([(times - time_ns) / NS, positions, turns.as_quat(canonical=True)])
 
-    own = path.times_ns or ()
-    own = own[bisect_right(own, ends_ns[0]) : bisect_left(own, ends_ns[1])] if path.curve == "linear" else ()
-    ends = [ends_ns[0], *own, ends_ns[1]]
+    ends = [ends_ns[0], ends_ns[1]]
+    if path.curve == "linear":  # which bends at its poses
+        times_ns = path.times_ns or ()
+        ends[1:1] = times_ns[bisect_right(times_ns, ends_ns[0]) : bisect_left(times_ns, ends_ns[1])]
     for _ in range(_MOST_HALVINGS):
-        times = [start + k * (end - start) // 6 for start, end in pairwise(ends) for k in range(6)]
-        rows = rows_at(np.array([*times, ends[-1]]))
+        rows = rows_at(_sixths(ends))
         rotations, positions = CubicPath(rows[::2]).at(rows[1::2, 0])
         away = np.abs(positions - rows[1::2, 1:4]).max()
         turned = np.abs(rotations - Rotation.from_quat(rows[1::2, 4:]).as_matrix()).max()
         if max(away, turned) <= _CLOSE:
             break
-        ends = sorted({*ends, *((start + end) // 2 for start, end in pairwise(ends))})
+        middles = [(start + end) // 2 for start, end in pairwise(ends)]
+        ends = sorted({*ends, *middles})
     return np.asarray(rows[::2])
+
+
+def _sixths(ends: list[int]) -> NDArray[np.int64]:
+    """Return six times for each interval between ends, from its start on, and the last end."""
+    times = []
+    for start, end in pairwise(ends):
+        times += [start + sixth * (end - start) // 6 for sixth in range(6)]
+    return np.array([*times, ends[-1]])

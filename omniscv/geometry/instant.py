@@ -45,7 +45,12 @@ class Motion:
 
     @classmethod
     def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
-        """Return the motion through poses by their times, seconds; ArgumentError without any."""
+        """Return the motion through poses.
+
+        Args:
+            poses: at least one, by their times, seconds.
+            curve: as of :class:`Motion`.
+        """
         times = sorted(poses)
         return cls(Trajectory.timed(tuple(poses[time] for time in times), times), curve)
 
@@ -76,7 +81,9 @@ def object_pose(
 
     Args:
         position: (3,) metres, world frame.
-        yaw_deg, pitch_deg, roll_deg: left +, nose up +, right side down +.
+        yaw_deg: to the left +.
+        pitch_deg: nose up +.
+        roll_deg: right side down +.
     """
     camera_pose = Pose.from_angles(position, yaw_deg, pitch_deg, roll_deg)
     return Pose(camera_pose.position, camera_pose.rotation @ R_LEVEL.T)
@@ -86,7 +93,10 @@ _DECIMALS = 7  # of metres and entries in ``state``: servers are sent three deci
 
 
 def _hidden(name: str, value: Any) -> frozenset[str]:
-    return frozenset(texts(name, list(value) if isinstance(value, frozenset) else value) if value else ())
+    """Return the names of hidden objects; none of what is empty."""
+    if not value:
+        return frozenset()
+    return frozenset(texts(name, list(value) if isinstance(value, frozenset) else value))
 
 
 def _name(name: str, value: Any) -> str:
@@ -121,18 +131,22 @@ class Instant:
         """
         if not (self.poses or self.hidden or self.name) and self.time is None:
             return ""
-        poses = {
-            name: [round(float(x), _DECIMALS) + 0.0 for x in (*pose.position, *pose.rotation.ravel())]
-            for name, pose in self.poses.items()
-        }
-        fields = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
+        poses = {name: _rounded(pose) for name, pose in self.poses.items()}
+        time = None if self.time is None else round(self.time, 9)
+        fields = [poses, sorted(self.hidden), time, self.name]
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     @classmethod
     def drawn(
         cls, varied: Mapping[str, Any], poses: Mapping[str, Pose] | None = None, time: float | None = None
     ) -> Self:
-        """Return the instant of draws: settings by kind (``objects``, ``lights``, ``materials``) and name."""
+        """Return the instant of a world that is varied.
+
+        Args:
+            varied: what was drawn: settings by kind (``objects``, ``lights``, ``materials``) and name.
+            poses: of objects, as of :class:`Instant`; None: none.
+            time: seconds on the scene's own clock; None if it is unknown.
+        """
         name = json.dumps(varied, separators=(",", ":"), sort_keys=True) if varied else ""
         return cls(poses or {}, time=time, name=name)
 
@@ -140,7 +154,8 @@ class Instant:
     def varied(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
         """The draws that :meth:`drawn` was given; empty if there are none."""
         with suppress(ValueError):
-            if isinstance(content := json.loads(self.name or "{}"), dict):
+            content = json.loads(self.name or "{}")
+            if isinstance(content, dict):
                 return content
         return {}
 
@@ -155,16 +170,16 @@ class Instant:
                 metres.
         """
         objects = self.varied.get("objects", {})
-        moved = [name for name, of in objects.items() if "shift" in of or "turn_deg" in of]
-        rest = at_rest(moved) if moved else {}
-        poses = {
-            name: Pose(
-                rest[name].position + np.asarray(objects[name].get("shift", (0, 0, 0))),
-                turn_about_z(objects[name].get("turn_deg", 0.0)) @ rest[name].rotation,
-            )
-            for name in moved
-        }
-        return poses, frozenset(name for name, of in objects.items() if not of.get("shown", True))
+        moved = [name for name, draw in objects.items() if "shift" in draw or "turn_deg" in draw]
+        hidden = [name for name, draw in objects.items() if not draw.get("shown", True)]
+        resting = at_rest(moved) if moved else {}
+        poses = {}
+        for name in moved:
+            draw = objects[name]
+            position = resting[name].position + np.asarray(draw.get("shift", (0, 0, 0)))
+            turn = turn_about_z(draw.get("turn_deg", 0.0))
+            poses[name] = Pose(position, turn @ resting[name].rotation)
+        return poses, frozenset(hidden)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -177,7 +192,13 @@ class Instant:
         return read(cls, data)
 
 
+def _rounded(pose: Pose) -> list[float]:
+    """Return position and rotation of a pose, row by row, rounded as for :attr:`Instant.state`."""
+    return [round(float(number), _DECIMALS) + 0.0 for number in (*pose.position, *pose.rotation.ravel())]
+
+
 def turn_about_z(degrees: float) -> Array:
     """Return the rotation (3, 3) about world Z, to the left +."""
-    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    cos = np.cos(np.radians(degrees))
+    sin = np.sin(np.radians(degrees))
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

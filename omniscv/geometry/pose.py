@@ -34,7 +34,8 @@ _SHORTEST_QUATERNION = 1e-12
 
 
 def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> Array:
-    """Return (3,) coordinates of at most ``farthest``; ArgumentError for anything else."""
+    """Return the coordinates (3,) of ``value``, at most ``farthest``; ArgumentError with ``name`` for
+    others."""
     position = numbers(name, value, (3,))
     if np.abs(position).max() > farthest:
         raise wrong(name, f"coordinates of at most {farthest:g}", position)
@@ -42,14 +43,15 @@ def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> 
 
 
 def rotation_reader(name: str, value: ArrayLike, shape: tuple[int | None, ...] = (3, 3)) -> Array:
-    """Return a rotation matrix, or several (N, 3, 3) if ``shape`` is; ArgumentError for anything else."""
+    """Return the rotation matrix ``value``, or several (N, 3, 3) if ``shape`` is that; ArgumentError with
+    ``name`` for anything else."""
     rotation = numbers(name, value, shape)
     with np.errstate(over="ignore", invalid="ignore"):
         drift = float(np.abs(rotation @ rotation.swapaxes(-1, -2) - _EYE).max())
         determinant = float(np.linalg.det(rotation).min())
     if not drift <= _NOT_ORTHONORMAL or determinant < 0:  # NaN where products overflow
-        got = f"determinant {determinant:.6g} and |R R^T - I| = {drift:.3g}"
-        raise ArgumentError(f"{name}: expected a right-handed orthonormal 3x3 matrix, got {got}")
+        found = f"determinant {determinant:.6g} and |R R^T - I| = {drift:.3g}"
+        raise ArgumentError(f"{name}: expected a right-handed orthonormal 3x3 matrix, got {found}")
     return rotation
 
 
@@ -89,13 +91,25 @@ class Pose:
     def from_angles(
         cls, position: ArrayLike, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
     ) -> Pose:
-        """Return the pose of world angles: yaw to the left +, nose up +, right side down +."""
+        """Return the pose of world angles; all 0 it looks along world +X.
+
+        Args:
+            position: (3,) metres, world frame.
+            yaw_deg: to the left +.
+            pitch_deg: nose up +.
+            roll_deg: right side down +.
+        """
         location_cm = unreal_frame.position_to_unreal(position_reader("position", position))
         return cls.from_unreal(location_cm, (pitch_deg, -yaw_deg, roll_deg))
 
     @classmethod
     def from_unreal(cls, location_cm: ArrayLike, rotation_deg: ArrayLike) -> Pose:
-        """Return the pose of Unreal's location (x, y, z) in cm and rotator (pitch, yaw, roll) in degrees."""
+        """Return the pose of a location and a rotator in Unreal's frame.
+
+        Args:
+            location_cm: (x, y, z), cm.
+            rotation_deg: (pitch, yaw, roll), degrees.
+        """
         location = position_reader("location_cm", location_cm, 100 * FARTHEST)
         rotator = numbers("rotation_deg", rotation_deg, (3,))
         position = unreal_frame.position_from_unreal(location)
@@ -106,7 +120,8 @@ class Pose:
         """Return the pose whose camera sees a point in the middle of its image, upright.
 
         Args:
-            position, target: (3,) metres, world frame.
+            position: (3,) metres, world frame.
+            target: (3,) metres, world frame: the point.
             up: (3,) the direction, of any length, that points upwards in the image.
 
         Raises:
@@ -142,9 +157,13 @@ class Pose:
         return x, y, z, w
 
     def interpolate(self, end: Pose, fraction: float) -> Pose:
-        """Return the pose at a fraction of the way to another one; fractions outside [0, 1] extrapolate.
+        """Return the pose at a fraction of the way to another one.
 
         Positions are interpolated linearly, rotations along the shortest turn (slerp).
+
+        Args:
+            end: the other pose.
+            fraction: 0 is this pose, 1 the other; numbers outside [0, 1] extrapolate.
         """
         from scipy.spatial.transform import Rotation
 
@@ -195,7 +214,7 @@ class Pose:
 
 
 def rotated(vectors: Array, R_b_a: Array) -> Array:
-    """Return vectors (..., 3) of frame a in frame b.
+    """Return vectors (..., 3) of frame a in frame b, ``R_b_a`` (3, 3) times each.
 
     Large arrays go in blocks, too small for BLAS's own threads: these would take the cores from ours.
     """
@@ -216,5 +235,7 @@ def cube_rotations() -> tuple[tuple[str, Array], ...]:
     """
     names = ("front", "right", "back", "left", "up", "down")
     pitch_yaw = ((0, 0), (0, 90), (0, 180), (0, -90), (90, 0), (-90, 0))
-    rotations = [Pose.from_unreal((0, 0, 0), (*turn, 0)).rotation for turn in pitch_yaw]
-    return tuple(zip(names, rotations, strict=True))
+    faces = []
+    for name, (pitch_deg, yaw_deg) in zip(names, pitch_yaw, strict=True):
+        faces.append((name, Pose.from_unreal((0, 0, 0), (pitch_deg, yaw_deg, 0)).rotation))
+    return tuple(faces)

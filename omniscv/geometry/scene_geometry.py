@@ -12,10 +12,14 @@ from omniscv.records import checked, named, nested, optional, read, record
 
 BoxSource = Literal["scene", "vertices", "bounds", "points"]
 
-_CORNERS = 0.5 * np.array(
-    [(x, y, z) for z in (-1.0, 1.0) for x, y in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))]
-)
-BOX_EDGES = np.array([e for i in range(4) for e in ((i, (i + 1) % 4), (4 + i, 4 + (i + 1) % 4), (i, 4 + i))])
+_SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+_CORNERS = 0.5 * np.array([*((x, y, -1.0) for x, y in _SQUARE), *((x, y, 1.0) for x, y in _SQUARE)])
+BOX_EDGES = np.array([
+    [0, 1], [4, 5], [0, 4],
+    [1, 2], [5, 6], [1, 5],
+    [2, 3], [6, 7], [2, 6],
+    [3, 0], [7, 4], [3, 7],
+])  # fmt: skip
 """(12, 2): the pairs of corners of :meth:`ObjectBox.corners_w` that are joined by an edge."""
 
 
@@ -50,7 +54,14 @@ class ObjectBox:
 
     @classmethod
     def of(cls, center_w: Array, axes_w: Array, size: Array, source: BoxSource) -> Self:
-        """Return a box in an object's own frame, (3, 3) unit rows; of a left-handed one, z is turned."""
+        """Return a box by the axes of an object's own frame.
+
+        Args:
+            center_w: (3,) metres, world frame.
+            axes_w: (3, 3) x, y and z of the frame as unit rows; of a left-handed one, z is turned.
+            size: (3,) metres along these axes.
+            source: as of :class:`ObjectBox`.
+        """
         own = axes_w * np.array([[1.0], [1.0], [1.0 if np.linalg.det(axes_w) > 0 else -1.0]])
         return cls(center_w, own.T, size, source)
 
@@ -64,8 +75,12 @@ class ObjectBox:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        numbers = {"center": self.center_w.tolist(), "rotation": self.R_w_b.tolist()}
-        return {**numbers, "size": self.size.tolist(), "source": self.source}
+        return {
+            "center": self.center_w.tolist(),
+            "rotation": self.R_w_b.tolist(),
+            "size": self.size.tolist(),
+            "source": self.source,
+        }
 
 
 @record(eq=False)
@@ -74,9 +89,11 @@ class Room:
 
     Attributes:
         corners_w: (N, 2) metres, X and Y of the floor's corners, counterclockwise from above.
-        floor_z, ceiling_z: metres, world frame.
+        floor_z: metres, world frame.
+        ceiling_z: metres, world frame.
         walls: N names; wall i goes from corner i to corner i + 1.
-        floor, ceiling: names.
+        floor: its name.
+        ceiling: its name.
     """
 
     corners_w: Array = checked(numbers, shape=(None, 2), key="corners")
@@ -88,8 +105,8 @@ class Room:
 
     def __post_init__(self) -> None:
         if not len(self.corners_w) == len(self.walls) >= 3:
-            got = f"{len(self.corners_w)} corners and {len(self.walls)} walls"
-            raise ArgumentError(f"room: expected at least 3 corners and as many walls, got {got}")
+            counts = f"{len(self.corners_w)} corners and {len(self.walls)} walls"
+            raise ArgumentError(f"room: expected at least 3 corners and as many walls, got {counts}")
 
     @property
     def surfaces(self) -> tuple[str, ...]:
@@ -98,8 +115,14 @@ class Room:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        numbers = {"corners": self.corners_w.tolist(), "floor_z": self.floor_z, "ceiling_z": self.ceiling_z}
-        return {**numbers, "walls": list(self.walls), "floor": self.floor, "ceiling": self.ceiling}
+        return {
+            "corners": self.corners_w.tolist(),
+            "floor_z": self.floor_z,
+            "ceiling_z": self.ceiling_z,
+            "walls": list(self.walls),
+            "floor": self.floor,
+            "ceiling": self.ceiling,
+        }
 
 
 @record(eq=False)
@@ -117,7 +140,7 @@ class SceneGeometry:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, the boxes in the order of their names."""
         boxes = {name: self.boxes[name].to_dict() for name in sorted(self.boxes)}
-        return {"boxes": boxes, "room": self.room and self.room.to_dict()}
+        return {"boxes": boxes, "room": None if self.room is None else self.room.to_dict()}
 
     @classmethod
     def from_dict(cls, data: object) -> Self:

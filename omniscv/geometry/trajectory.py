@@ -29,7 +29,9 @@ _LEAST_EXPONENT = -30  # of seconds
 
 def exact_seconds(seconds: float | Decimal) -> Decimal:
     """Return seconds as they are written: of a float its shortest text, unless it has its own from a file.
-    What is far below a nanosecond is 0: a text may have any exponent."""
+
+    What is far below a nanosecond is 0: a text may have any exponent.
+    """
     if not isinstance(seconds, Decimal):
         seconds = Decimal(getattr(seconds, "written", "") or repr(float(seconds)))
     return seconds if seconds.adjusted() > _LEAST_EXPONENT else Decimal(0)
@@ -41,12 +43,13 @@ def nanoseconds(seconds: float | Decimal) -> int:
 
 
 def parsed(text: str, per_s: int = 1) -> int:
-    """Return the nearest whole nanoseconds of a decimal number, of which ``per_s`` are a second."""
+    """Return the nearest whole nanoseconds of ``text``, a decimal number, of whose unit ``per_s`` are a
+    second."""
     return int((Decimal(text) * NS / per_s).to_integral_value())
 
 
 def all_parsed(texts: Iterable[str], per_s: int = 1) -> list[int]:
-    """Return what :func:`parsed` does of many texts, most of which are digits with a point at most."""
+    """Return what :func:`parsed` does with ``per_s`` of many texts, mostly digits with a point at most."""
     digits = len(str(NS // per_s)) - 1  # behind the point, of a nanosecond
     return [_plain_digits(text, digits, per_s) for text in texts]
 
@@ -95,16 +98,21 @@ class Poses(Sequence[Pose]):
         """Return the arrays of poses."""
         if isinstance(poses, cls):
             return poses
-        return cls(np.stack([pose.position for pose in poses]), np.stack([pose.rotation for pose in poses]))
+        positions = np.stack([pose.position for pose in poses])
+        rotations = np.stack([pose.rotation for pose in poses])
+        return cls(positions, rotations)
 
 
 class Motions(NamedTuple):
     """A body's motion at N times, by the derivatives of splines.
 
     Attributes:
-        positions_w, velocities_w, accelerations_w: (N, 3) metres and seconds, world frame.
+        positions_w: (N, 3) metres, world frame.
+        velocities_w: (N, 3) m/s, world frame.
+        accelerations_w: (N, 3) m/s^2, world frame.
         rotations: (N, 3, 3) from the body to the world.
-        rates, rate_changes: (N, 3) angular velocity, rad/s, and acceleration, in the body's frame.
+        rates: (N, 3) angular velocity, rad/s, in the body's frame.
+        rate_changes: (N, 3) its change, rad/s^2, in the body's frame.
     """
 
     positions_w: Array
@@ -145,8 +153,8 @@ class Trajectory(Sequence[Pose]):
         if len(times) != len(self.poses):
             raise ArgumentError(f"times: expected one per pose, got {len(times)} for {len(self.poses)}")
         if times.dtype.kind != "i":
-            got = f"{self.times_ns[0]!r}, or others; Trajectory.timed takes seconds"
-            raise ArgumentError(f"times_ns: expected whole nanoseconds, got {got}")
+            first = f"{self.times_ns[0]!r}, or others; Trajectory.timed takes seconds"
+            raise ArgumentError(f"times_ns: expected whole nanoseconds, got {first}")
         wrong = np.flatnonzero(~(np.diff(times) > 0))
         if wrong.size:
             before, after = map(decimal, self.times_ns[wrong[0] : wrong[0] + 2])
@@ -156,7 +164,13 @@ class Trajectory(Sequence[Pose]):
     def timed(
         cls, poses: Sequence[Pose], seconds: Iterable[float | Decimal], curve: Curve = "linear"
     ) -> Self:
-        """Return poses at times in seconds."""
+        """Return poses at times.
+
+        Args:
+            poses: at least one.
+            seconds: one time per pose, increasing.
+            curve: as of :class:`Trajectory`.
+        """
         return cls(poses, tuple(map(nanoseconds, seconds)), curve)
 
     @property
@@ -172,9 +186,10 @@ class Trajectory(Sequence[Pose]):
     @overload
     def __getitem__(self, index: slice) -> Trajectory: ...
     def __getitem__(self, index: int | slice) -> Pose | Trajectory:
-        if isinstance(index, slice):
-            return replace(self, poses=self.poses[index], times_ns=self.times_ns and self.times_ns[index])
-        return self.poses[index]
+        if not isinstance(index, slice):
+            return self.poses[index]
+        times_ns = None if self.times_ns is None else self.times_ns[index]
+        return replace(self, poses=self.poses[index], times_ns=times_ns)
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
@@ -198,11 +213,13 @@ class Trajectory(Sequence[Pose]):
         """
         if self.times_ns is None:
             raise ArgumentError("trajectory: expected poses with times, got poses without times")
-        first, last = self.times_ns[0], self.times_ns[-1]
+        first = self.times_ns[0]
+        last = self.times_ns[-1]
         if first == last == time_ns:
             return self.poses[0]
         i = min(max(bisect_right(self.times_ns, time_ns), 1), len(self.times_ns) - 1)
-        start, end = self.times_ns[i - 1], self.times_ns[i]
+        start = self.times_ns[i - 1]
+        end = self.times_ns[i]
         fraction = (time_ns - start) / (end - start) if end > start else math.nan
         if not -steps_beyond <= fraction <= 1 + steps_beyond:
             beyond = ", or a step beyond" if steps_beyond else ""
@@ -226,9 +243,14 @@ class Trajectory(Sequence[Pose]):
         """Return what the splines and their derivatives are at times (N,), whole nanoseconds."""
         positions, rotations = self._splines
         times = (np.asarray(times_ns) - (self.times_ns or (0,))[0]) / NS
-        at, velocities, accelerations = (positions(times, order) for order in range(3))
-        rates, changes = (rotations(times, order) for order in (1, 2))
-        return Motions(at, velocities, accelerations, rotations(times).as_matrix(), rates, changes)
+        return Motions(
+            positions_w=positions(times),
+            velocities_w=positions(times, 1),
+            accelerations_w=positions(times, 2),
+            rotations=rotations(times).as_matrix(),
+            rates=rotations(times, 1),
+            rate_changes=rotations(times, 2),
+        )
 
     def misses(self) -> tuple[float, float]:
         """Return how far the splines pass from the poses at most: metres, and radians."""

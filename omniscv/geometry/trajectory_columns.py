@@ -31,8 +31,10 @@ _LAST_ROW = MATRIX[12:]
 _MOVED = MATRIX[3:12:4]
 _TURNED = [m for m in MATRIX[:12] if m not in MATRIX[3:12:4]]
 _UNITS_OF: dict[str, tuple[str, ...]] = {
-    "time": (*UNITS, "sec"), **dict.fromkeys("xyz", tuple(PER_M)), **dict.fromkeys(ANGLES, ("deg", "rad")),
-}  # fmt: skip
+    "time": (*UNITS, "sec"),
+    **dict.fromkeys("xyz", tuple(PER_M)),
+    **dict.fromkeys(ANGLES, ("deg", "rad")),
+}
 _POSE = r"(?:field\.)?(?:pose\.){0,2}(?:pano_)?"
 _SPELLINGS = (
     (rf"{_POSE}(?:(?:position|location|loc|pos|translation)[._ ]?|p_rs_r_|[tp]_?)?([xyz])", r"\1"),
@@ -71,7 +73,7 @@ _AXES: dict[str, tuple[Array, Array, tuple[int, int, int]]] = {
 """By frame W and C of ``R_w_c = W R C``: from the file's world to ours, from our camera to the file's; and
 the signs of pitch, yaw and roll against Unreal's: nose up +, turning right +, right side down +."""
 FRAMES = tuple(name for name in _AXES if name not in ("object", "povray"))
-_SIGNED = re.compile(r"([+-][xyz]) ([+-][xyz]) ([+-][xyz])")
+_SIGNED = re.compile(r"[+-][xyz] [+-][xyz] [+-][xyz]")
 
 
 def axes_of(frame: str) -> tuple[Array, Array]:
@@ -82,9 +84,12 @@ def axes_of(frame: str) -> tuple[Array, Array]:
     """
     if frame in _AXES:
         return _AXES[frame][:2]
-    if not (signed := _SIGNED.fullmatch(frame)):
+    if not _SIGNED.fullmatch(frame):
         raise wrong("axes", "where right, down and ahead point, such as +x -y -z", frame)
-    C = np.stack([float(word[0] + "1") * np.eye(3)["xyz".index(word[1])] for word in signed.groups()], axis=1)
+    directions = []
+    for word in frame.split(" "):
+        directions.append(float(f"{word[0]}1") * np.eye(3)["xyz".index(word[1])])
+    C = np.stack(directions, axis=1)
     if round(abs(np.linalg.det(C))) != 1:
         raise ArgumentError(f"axes: expected x, y and z once each, got {shown(frame)}")
     return (_I, C) if np.linalg.det(C) > 0 else (_MIRROR, C)
@@ -92,14 +97,23 @@ def axes_of(frame: str) -> tuple[Array, Array]:
 
 def frame_of_axes(C: Array) -> str:
     """Return the name of axes by their C: one of a frame, or where right, down and ahead point."""
-    if name := next((name for name, axes in _AXES.items() if np.array_equal(axes[1], C)), ""):
-        return name
-    at = np.abs(C).argmax(axis=0)
-    return " ".join(f"{'+-'[int(C[row, i] < 0)]}{'xyz'[row]}" for i, row in enumerate(at.tolist()))
+    for name, (_, C_of_frame, _) in _AXES.items():
+        if np.array_equal(C_of_frame, C):
+            return name
+    words = []
+    for i, row in enumerate(np.abs(C).argmax(axis=0).tolist()):
+        sign = "-" if C[row, i] < 0 else "+"
+        words.append(sign + "xyz"[row])
+    return " ".join(words)
 
 
 def length_unit(name: str, value: object) -> str | float | None:
-    """Return a unit of positions: m, cm, mm, or metres; None where none is given."""
+    """Return a unit of positions: m, cm, mm, or metres; None where none is given.
+
+    Args:
+        name: what messages call it.
+        value: as a user gives it: a word, a number of metres, or its text.
+    """
     if value is None or value in PER_M:
         return value
     try:
@@ -145,30 +159,49 @@ class Rows:
                 rows.append(_columns_of(entry, units))
                 if rows[-1].keys() != rows[0].keys():
                     before = ", ".join(rows[0])
-                    got = ", ".join(rows[-1])
-                    raise ArgumentError(f"expected {before}, as before, got {got}")
-        columns = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
-        return cls(columns, units, lambda i: (entries[i][0], " ".join(f"{n:.9g}" for n in rows[i].values())))
+                    others = ", ".join(rows[-1])
+                    raise ArgumentError(f"expected {before}, as before, got {others}")
+        columns = {}
+        for name in rows[0] if rows else ():
+            columns[name] = np.array([row[name] for row in rows])
+
+        def where_is(row: int) -> tuple[str, str]:
+            return entries[row][0], " ".join(f"{value:.9g}" for value in rows[row].values())
+
+        return cls(columns, units, where_is)
 
     def listed(self, lossy: bool = False, **options: Any) -> dict[str, Pose | None]:
-        """Return poses by name, or by number from 0; ``lossy``: None for rows that are not finite."""
-        kept = self.finite() if lossy else np.ones(len(self), np.bool_)
-        rows = np.flatnonzero(kept)
+        """Return poses by name, or by number from 0.
+
+        Args:
+            lossy: whether rows that are not finite are None, instead of refused.
+            options: as of :meth:`poses`.
+        """
+        rows = np.flatnonzero(self.finite()) if lossy else np.arange(len(self))
         names = [str(name).strip() for name in self.columns.get("name", np.arange(len(self)))]
-        first = {name: i for i, name in reversed([*enumerate(names)])}
-        self.refuse(np.array([first[name] != i for i, name in enumerate(names)]), "each name once")
-        poses: dict[str, Pose | None] = dict.fromkeys(names)
-        finite = replace(
-            self,
-            columns={name: values[rows] for name, values in self.columns.items()},
-            where=lambda row: self.where(int(rows[row])),
-        )
+        poses: dict[str, Pose | None] = {}
+        again = np.zeros(len(self), np.bool_)
+        for row, name in enumerate(names):
+            again[row] = name in poses
+            poses[name] = None
+        self.refuse(again, "each name once")
+        finite = replace(self._part(rows), where=lambda row: self.where(int(rows[row])))
         positions, rotations = finite.poses(**options)
-        poses.update((names[row], Pose(*pose)) for row, *pose in zip(rows, positions, rotations, strict=True))
+        for row, position, rotation in zip(rows.tolist(), positions, rotations, strict=True):
+            poses[names[row]] = Pose(position, rotation)
         return poses
 
+    def _part(self, rows: NDArray[np.int64] | slice) -> Rows:
+        """Return these of the rows, by index."""
+        return replace(self, columns={name: values[rows] for name, values in self.columns.items()})
+
     def refuse(self, wrong: NDArray[np.bool_], expected: str) -> None:
-        """Raise ArgumentError that names the first row that is wrong, if any is."""
+        """Raise ArgumentError that names the first row that is wrong, if any is.
+
+        Args:
+            wrong: (N,) which rows are.
+            expected: what rows should hold.
+        """
         if wrong.any():
             where, text = self.where(int(wrong.argmax()))
             raise ArgumentError(f"{where}: expected {expected}, got {shown(text)}")
@@ -183,11 +216,12 @@ class Rows:
         """Refuse rows with numbers that no pose has."""
         columns = self.columns
         self.refuse(~self.finite(), f"finite numbers {shown(self.named)}")
-        limits = dict.fromkeys((*"xyz", *_MOVED), (FARTHEST, "coordinates"))
-        limits |= dict.fromkeys(ANGLES, (_MOST_ANGLE, "angles"))
-        for name in (each for each in limits if each in columns):
-            most, what = limits[name]
-            self.refuse(np.abs(columns[name]) > most, f"{what} of at most {most:g}")
+        for name in (*"xyz", *_MOVED):
+            if name in columns:
+                self.refuse(np.abs(columns[name]) > FARTHEST, f"coordinates of at most {FARTHEST:g}")
+        for name in ANGLES:
+            if name in columns:
+                self.refuse(np.abs(columns[name]) > _MOST_ANGLE, f"angles of at most {_MOST_ANGLE:g}")
         if "m0" in columns:
             self._check_matrices()
         if "qw" in columns:
@@ -229,44 +263,56 @@ class Rows:
             inverse: whether rows are from the world to the camera.
         """
         self.check()
-        mounted = isinstance(frame, Pose)
         axes = frame if isinstance(frame, str) else "body"
-        W, C = axes_of(axes)
-        if mounted:
-            W, C = np.eye(3), frame.rotation  # type: ignore[union-attr]
-        elif not {"m0", "qw"} & self.columns.keys():
-            C = np.eye(3) if frame == "object" else R_LEVEL
-        start = np.zeros(3)
+        W, C = self._axes(frame)
         scale = self._scale(unit, frame)
+        start = np.zeros(3)
         if self.relative and first is not None:
             if axes not in ("camera", "object", "body"):
                 raise ArgumentError(f"frame: expected camera or body, as poses are relative, got {axes}")
             start = first.position
-            W = first.rotation
-            W = W @ R_LEVEL.T if axes == "body" else W  # the file's world is the first body
+            # The file's world is the first camera, or the first body.
+            W = first.rotation @ R_LEVEL.T if axes == "body" else first.rotation
         positions = np.empty((len(self), 3))
         rotations = np.empty((len(self), 3, 3))
         is_own = np.array_equal(W, _I) and np.array_equal(C, _I)
         for begin in range(0, len(self), _BLOCK):
-            some = slice(begin, begin + _BLOCK)
-            block = replace(self, columns={name: values[some] for name, values in self.columns.items()})
-            R = block._turns(axes)
-            t = block._stack(_MOVED if "m0" in block.columns else "xyz") * scale
-            if inverse:
-                R = R.swapaxes(1, 2)
-                t = -(R @ t[..., None])[..., 0]
-            t = t + R @ frame.position if mounted else t  # type: ignore[union-attr]
-            positions[some] = t @ W.T + start
-            rotations[some] = R if is_own else W @ R @ C  # of millions of rows, a product takes seconds
+            rows = slice(begin, begin + _BLOCK)
+            R, t = self._part(rows)._turns_and_places(axes, scale, inverse)
+            if isinstance(frame, Pose):
+                t = t + R @ frame.position
+            positions[rows] = t @ W.T + start
+            rotations[rows] = R if is_own else W @ R @ C  # of millions of rows, a product takes seconds
         return positions, rotations
+
+    def _axes(self, frame: Frame) -> tuple[Array, Array]:
+        """Return W and C of ``R_w_c = W R C``, see :func:`axes_of`, for the rotations that columns hold."""
+        if isinstance(frame, Pose):
+            return np.eye(3), frame.rotation
+        W, C = axes_of(frame)
+        if "m0" in self.columns or "qw" in self.columns:
+            return W, C
+        return W, np.eye(3) if frame == "object" else R_LEVEL
+
+    def _turns_and_places(self, axes: str, scale: float, inverse: bool) -> tuple[Array, Array]:
+        """Return rotations (N, 3, 3) and positions (N, 3), metres, in the file's own axes."""
+        R = self._turns(axes)
+        t = self._stack(_MOVED if "m0" in self.columns else "xyz") * scale
+        if inverse:
+            R = R.swapaxes(1, 2)
+            t = -(R @ t[..., None])[..., 0]
+        return R, t
 
     def _scale(self, unit: str | float | None, frame: Frame) -> float:
         """Return the metres of one unit of positions."""
         of_columns = sorted({self.units[axis] for axis in "xyz" if axis in self.units})
         if len(of_columns) > 1 or (of_columns and unit not in (None, *of_columns)):
             raise ArgumentError(f"unit: expected one of positions, got {[unit or '', *of_columns]}")
-        given = unit if unit is not None else [*of_columns, "cm" if frame == "unreal" else "m"][0]
-        return 1 / PER_M[given] if isinstance(given, str) else given
+        if unit is None and of_columns:
+            unit = of_columns[0]
+        if unit is None:
+            unit = "cm" if frame == "unreal" else "m"
+        return 1 / PER_M[unit] if isinstance(unit, str) else unit
 
     def _turns(self, axes: str) -> Array:
         """Return the rotations (N, 3, 3) that columns hold; without any, those of angles that are 0."""
@@ -285,8 +331,10 @@ class Rows:
         rotators = np.zeros((len(self), 3))
         for i, (name, sign) in enumerate(zip(("pitch", "yaw", "roll"), signs, strict=True)):
             if name in self.columns:
-                is_rad = self.units.get(name) == "rad"
-                rotators[:, i] = sign * (np.degrees(self.columns[name]) if is_rad else self.columns[name])
+                angles = self.columns[name]
+                if self.units.get(name) == "rad":
+                    angles = np.degrees(angles)
+                rotators[:, i] = sign * angles
         return W @ rotation_from_unreal(rotators)
 
 
@@ -306,42 +354,54 @@ def _remedy(R: Array) -> str:
 
 
 def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, float]:
-    """Return the numbers of an entry of JSON by column."""
-    found: dict[str, float] = {}
+    """Return the numbers of an entry of JSON by column; add their units, "" for none, to ``units``."""
+    columns: dict[str, float] = {}
     for key, value in entry.items():
         if value is None:
             continue
-        if key.lower() in _KEYS:
-            names = _KEYS[key.lower()]
-            is_listed = isinstance(value, list | tuple | np.ndarray)
-            values = np.ravel(numbers(key, value, np.shape(value) if is_listed else (None,))).tolist()
-            if len(values) not in ((12, 16) if names is MATRIX else (len(names),)):
-                raise ArgumentError(f"{key}: expected {len(names)} numbers, got {shown(value)}")
-            own = dict(zip(names, values if names is not MATRIX else [*values, 0, 0, 0, 1], strict=False))
-        else:
-            column, unit = column_of(key)
-            if not column or column == "name":
-                known = ", ".join(("x, y, z", *ANGLES, *QUATERNION, *_KEYS))
-                raise ArgumentError(f"expected keys among {known}; got {shown(key)}")
-            own = {column: number(key, value)}
-            units[column] = unit or units.get(column, "")
-        if twice := own.keys() & found.keys():
+        numbers_of_key = _numbers_of(key, value, units)
+        twice = numbers_of_key.keys() & columns.keys()
+        if twice:
             raise ArgumentError(f"expected each of a pose once, got {min(twice)} twice, by {key}")
-        found |= own
-    if "m0" in found and "x" in found:
-        found |= dict(zip(_MOVED, (found.pop(axis) for axis in "xyz"), strict=True))
-    for column in [column for column, unit in units.items() if not unit]:
-        del units[column]
-    _check_columns(list(found))
-    return found
+        columns |= numbers_of_key
+    if "m0" in columns and "x" in columns:
+        for name, axis in zip(_MOVED, "xyz", strict=True):
+            columns[name] = columns.pop(axis)
+    for column in list(units):
+        if not units[column]:
+            del units[column]
+    _check_columns(list(columns))
+    return columns
+
+
+def _numbers_of(key: str, value: Any, units: dict[str, str]) -> dict[str, float]:
+    """Return the numbers of a key of JSON by column: one, or several of :data:`_KEYS`."""
+    names = _KEYS.get(key.lower())
+    if names is not None:
+        is_listed = isinstance(value, list | tuple | np.ndarray)
+        values = np.ravel(numbers(key, value, np.shape(value) if is_listed else (None,))).tolist()
+        counts = (12, 16) if names is MATRIX else (len(names),)
+        if len(values) not in counts:
+            raise ArgumentError(f"{key}: expected {len(names)} numbers, got {shown(value)}")
+        if names is MATRIX:
+            values += [0, 0, 0, 1]  # where it has no last row
+        return dict(zip(names, values, strict=False))
+    column, unit = column_of(key)
+    if not column or column == "name":
+        known = ", ".join(("x, y, z", *ANGLES, *QUATERNION, *_KEYS))
+        raise ArgumentError(f"expected keys among {known}; got {shown(key)}")
+    units[column] = unit or units.get(column, "")
+    return {column: number(key, value)}
 
 
 def _check_columns(columns: Sequence[str]) -> None:
     """Refuse what is no pose, or is given twice."""
-    if twice := [column for column in columns if column and columns.count(column) > 1]:
-        raise ArgumentError(f"expected each column once, got {twice[0]} twice")
-    if missing := [name for name in ("xyz" if "m0" not in columns else _MOVED) if name not in columns]:
-        raise ArgumentError(f"expected columns x, y and z, got no {missing[0]}")
+    for column in columns:
+        if column and columns.count(column) > 1:
+            raise ArgumentError(f"expected each column once, got {column} twice")
+    for name in _MOVED if "m0" in columns else "xyz":
+        if name not in columns:
+            raise ArgumentError(f"expected columns x, y and z, got no {name}")
     turned = [name for name in QUATERNION if name in columns]
     ways = bool(turned) + bool({*ANGLES} & {*columns}) + ("m0" in columns)
     if turned and (len(turned) < 4 or ways > 1):
@@ -356,34 +416,58 @@ def _check_columns(columns: Sequence[str]) -> None:
 def column_of(word: str) -> tuple[str | None, str]:
     """Return what a name stands for, None if it is not known, and its unit."""
     match = _MARKED.fullmatch(word.lower())
-    name, *units = match.groups() if match else (word,)
+    name, in_brackets, behind = match.groups() if match else (word, None, None)
     for pattern, column in _SPELLINGS:
-        if match := re.fullmatch(pattern, name):
-            return match.expand(column), next(filter(None, units), "")
+        spelling = re.fullmatch(pattern, name)
+        if spelling:
+            return spelling.expand(column), in_brackets or behind or ""
     return None, ""
 
 
 def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str], dict[str, str]]:
-    """Return what columns are, and their units, by their names."""
-    found = [column_of(word) for word in words]
-    if keyed and all(column != "name" for column, _ in found) and not found[0][0]:
-        found[0] = "name", ""
-    columns = [column or "" for column, _ in found]
-    if unknown := [word for word, (column, _) in zip(words, found, strict=True) if column is None]:
-        known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
-        raise ArgumentError(f"expected names of columns among {known}; got {shown(unknown[0])}")
+    """Return what columns are, "" for those that are not read, and their units, by their names.
+
+    Args:
+        words: the names.
+        count: of numbers in a row.
+        keyed: whether rows have a name, in a column that is called so or in the first one.
+    """
+    columns, units = _columns_and_units(words)
+    if keyed and "name" not in columns and not columns[0]:
+        columns[0] = "name"
+    for word, column in zip(words, columns, strict=True):
+        if column is None:
+            known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
+            raise ArgumentError(f"expected names of columns among {known}; got {shown(word)}")
     if len(words) != count:
         raise ArgumentError(f"expected {len(words)} columns, as there are names, got {count} in one row")
-    columns = columns if keyed else ["" if column == "name" else column for column in columns]
     if keyed and "name" not in columns:
         raise ArgumentError(f"expected a column 'name', got {shown(' '.join(words))}")
-    _check_columns(columns)
-    units = {column: unit for column, unit in found if column and unit}
-    if "nsec" in columns and "time" not in columns:
-        columns[columns.index("nsec")] = "time"
+    read = ["" if column is None or (column == "name" and not keyed) else column for column in columns]
+    _check_columns(read)
+    if "nsec" in read and "time" not in read:
+        read[read.index("nsec")] = "time"
         units["time"] = "ns"
+    _check_units(units)
+    return read, units
+
+
+def _columns_and_units(words: list[str]) -> tuple[list[str | None], dict[str, str]]:
+    """Return what names stand for, None for unknown ones, and the units of columns that have one."""
+    columns = []
+    units = {}
+    for word in words:
+        column, unit = column_of(word)
+        columns.append(column)
+        if column and unit:
+            units[column] = unit
+    return columns, units
+
+
+def _check_units(units: Mapping[str, str]) -> None:
+    """Refuse units that the numbers of a column cannot have."""
     for column, unit in units.items():
-        if unit not in (fitting := _UNITS_OF.get(column, ())):
+        fitting = _UNITS_OF.get(column, ())
+        if unit not in fitting:
             wanted = " or ".join(fitting) or "no unit"
             raise ArgumentError(f"expected {column} in {wanted}, got {shown(unit)}")
-    return columns, units

@@ -37,36 +37,56 @@ class Dialect(NamedTuple):
 
 
 def dialect_of(names: str, comments: list[str], row: str, keyed: bool = False) -> tuple[Dialect, list[str]]:
-    """Return how rows are written, and the types of columns, by the line of names ("" for none), the comments
-    above the first row, and that row; ``keyed`` rows have a name, in a column that is called so or in the
-    first one."""
+    """Return how rows are written, and the types of columns as NumPy names them.
+
+    Args:
+        names: the line of names; "" for none.
+        comments: those above the first row.
+        row: the first row.
+        keyed: whether rows have a name, in a column that is called so or in the first one.
+    """
     comment = comments[-1][0] if comments else "#"
     row = row.partition(comment)[0].strip()
-    separator = next((mark for mark in ";," if mark in re.sub(r'"[^"]*"', "", row)), None)
+    separator = _separator_of(row)
     check_decimals(row, separator)
     words = split(row, separator)
-    count = len(words)
-    line = names
     if names:
-        mark = separator or ("\t" if "\t" in names else None)
-        of_line = split(names, mark) if mark else re.split(r"\s+(?![\[(])", names)  # not before a unit
+        line = names
+        listed = _names_of_line(names, separator)
     else:
-        line, of_line = names_in_comments(comments, count, separator)
-    if of_line:
-        columns, units = named_columns(of_line, count, keyed)
+        line, listed = names_in_comments(comments, len(words), separator)
+    if listed:
+        columns, units = named_columns(listed, len(words), keyed)
         name = "EuRoC" if "rs_r" in line.lower() else ""
     else:
-        name, columns = _without_names(separator, count - keyed, keyed)
-        columns = ["name"] * keyed + columns
+        name, columns = _without_names(separator, len(words) - keyed, keyed)
+        if keyed:
+            columns = ["name", *columns]
         units = {}
         line = " ".join(columns) if "m0" not in columns else "the 12 numbers of a rigid 3x4 matrix"
-    types = ["O" if column == "name" else "f8" if column else "S1" for column in columns]
+    types = [_TYPES.get(column, "f8") for column in columns]
     if "time" in columns:
         i = columns.index("time")
-        if (name == "EuRoC" and not of_line) or re.fullmatch(r"[+-]?\d{15,}", words[i]):
+        if (name == "EuRoC" and not listed) or re.fullmatch(r"[+-]?\d{15,}", words[i]):
             types[i] = "i8"  # a float64 would lose digits
             units.setdefault("time", "ns" if name == "EuRoC" else "")
     return Dialect(name, columns, units, separator, comment, line.strip()), types
+
+
+_TYPES = {"name": "O", "": "S1"}
+"""Types of columns that are no numbers: names, and what is not read."""
+
+
+def _separator_of(row: str) -> str | None:
+    """Return the separator of a row, quotes aside; None for blanks."""
+    unquoted = re.sub(r'"[^"]*"', "", row)
+    return next((mark for mark in ";," if mark in unquoted), None)
+
+
+def _names_of_line(line: str, separator: str | None) -> list[str]:
+    """Return the names of columns in a line of them; a blank before a unit in brackets does not part two."""
+    mark = separator or ("\t" if "\t" in line else None)
+    return split(line, mark) if mark else re.split(r"\s+(?![\[(])", line)
 
 
 def _without_names(separator: str | None, count: int, keyed: bool) -> tuple[str, list[str]]:
@@ -86,7 +106,12 @@ def _without_names(separator: str | None, count: int, keyed: bool) -> tuple[str,
 
 
 def check_decimals(row: str, separator: str | None) -> None:
-    """Refuse decimal commas."""
+    """Refuse decimal commas.
+
+    Args:
+        row: a line of numbers.
+        separator: of the file; None for blanks.
+    """
     cells = split(row, ";") if separator == ";" else row.split()
     alone = len(cells) > 1 and not any(cell.strip(",") != cell for cell in cells)
     if alone and any(map(_DECIMAL_COMMA.fullmatch, cells)):
@@ -100,7 +125,12 @@ def is_names(text: str) -> bool:
 
 
 def split(text: str, separator: str | None) -> list[str]:
-    """Return the words of a line; quotes hold separators."""
+    """Return the words of a line.
+
+    Args:
+        text: the line; quotes hold separators.
+        separator: None for blanks.
+    """
     if separator is None:
         words = re.findall(r'"[^"]*"|\S+', text)
     else:
@@ -111,13 +141,17 @@ def split(text: str, separator: str | None) -> list[str]:
 def names_in_comments(comments: list[str], count: int, separator: str | None) -> tuple[str, list[str]]:
     """Return the last comment that names the columns, and the names; none if there is no such.
 
+    Args:
+        comments: of the file, in order.
+        count: of columns.
+        separator: of rows; None for blanks.
+
     Raises:
         ArgumentError: it names many, but not each.
     """
     for line in reversed(comments):
         text = line.lstrip("#% ")
-        text = text.rpartition(":")[2] if separator else text  # a title
-        words = split(text, separator) if separator else _WORD.findall(text)
+        words = split(text.rpartition(":")[2], separator) if separator else _WORD.findall(text)
         words = [word for word in words if column_of(word)[0] is not None]
         known = {column_of(word)[0] for word in words}
         if len(words) == count and {*"xyz"} <= known:

@@ -13,11 +13,10 @@ import io
 import logging
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from warnings import catch_warnings
 
 import numpy as np
@@ -31,22 +30,23 @@ from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
 from omniscv.storage.bounded import MOST_JSON_BYTES, encoding_of, open_regular, parse_json, read_bytes
 
-# the year 5138; since 1970, milliseconds are more, and all are less
-_SECONDS = 1e11
+_SECONDS = 1e11  # the year 5138: milliseconds since 1970 are more, and all seconds are less
 _MOST_TIME = 1e19
 _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
-# Seconds from row to row: no camera is so slow; whole numbers are as often ms.
-_SLOW = 10.0
-_SLOW_WHOLE = 2.0
-_TOO_SLOW = 1e4
-_MOST_BYTES = 1 << 28
+
+# Seconds from row to row:
+_SLOW = 10.0  # no camera is so slow
+_SLOW_WHOLE = 2.0  # whole numbers are as often ms
+_TOO_SLOW = 1e4  # refused
+
+_MOST_BYTES = 1 << 28  # of a file
 _SAID_EVERY_S = 5.0
-_LOOKED_EVERY = 1 << 14
+_LOOKED_EVERY = 1 << 14  # rows
 _log = logging.getLogger("omniscv")
 _FIRST = Pose(np.zeros(3), R_LEVEL)
-# two rows of one time, rounded, are one pose
-_SAME_M = 1e-3
-_SAME_ENTRY = 2e-3
+# Two rows of one time, rounded, are one pose:
+_SAME_M = 1e-3  # metres between their coordinates
+_SAME_ENTRY = 2e-3  # between the entries of their rotations
 _CONVERTED = "cameraposes.csv"
 """EasySynth's file, in lower case: metres, x forward, y left, z up, by its own description."""
 
@@ -100,22 +100,46 @@ def read_trajectory(
 
 
 def read_poses(path: Path, *, keyed: bool, whole: bool = False, **options: Any) -> dict[str, Pose | None]:
-    """Return the poses of a file by name, or by number from 0: of a text of rows (``keyed``, ``whole`` as
-    :func:`read_rows`), or of ``.json``, entries by name or a list with ``name``; options as
-    :meth:`Rows.listed`."""
+    """Return the poses of a file by name, or by number from 0.
+
+    Args:
+        path: a text of rows; or ``.json``, entries by name or a list with ``name``.
+        keyed: as of :func:`read_rows`.
+        whole: as of :func:`read_rows`.
+        options: as of :meth:`Rows.listed`.
+    """
     check_frame(path, options.get("frame"))
     if path.suffix.lower() != ".json":
-        return read_rows(path, keyed, whole)[1].listed(**options)
-    data = parse_json(read_bytes(path, MOST_JSON_BYTES))
-    is_list = isinstance(data, list)
-    items = [(f"[{i}]", dict(entry)) for i, entry in enumerate(data)] if is_list else [*data.items()]
-    names = [str(entry.pop("name", where)) if is_list else where for where, entry in items]
-    rows = Rows.of_entries(items)
-    return replace(rows, columns={"name": np.array(names, object), **rows.columns}).listed(**options)
+        _, rows = read_rows(path, keyed, whole)
+    else:
+        rows = _rows_of_json(parse_json(read_bytes(path, MOST_JSON_BYTES)))
+    return rows.listed(**options)
+
+
+def _rows_of_json(data: Any) -> Rows:
+    """Return the rows of entries by name, or of a list of entries, which may have a ``name``."""
+    entries = []
+    names = []
+    if isinstance(data, list):
+        for i, item in enumerate(data):
+            entry = dict(item)
+            names.append(str(entry.pop("name", f"[{i}]")))
+            entries.append((f"[{i}]", entry))
+    else:
+        for name, entry in data.items():
+            names.append(name)
+            entries.append((name, entry))
+    rows = Rows.of_entries(entries)
+    return replace(rows, columns={"name": np.array(names, object), **rows.columns})
 
 
 def check_frame(path: Path, frame: Frame | None) -> None:
-    """Refuse a file of Unreal's poses without the word that says in which axes they are."""
+    """Refuse a file of Unreal's poses without the word that says in which axes they are.
+
+    Args:
+        path: the file, of which only the name is read.
+        frame: the word; None if none is given.
+    """
     if frame is None and path.name.lower() == _CONVERTED:
         body = "frame: body (as EasySynth writes: metres, x forward, y left, z up)"
         raise ArgumentError(f"expected frame: unreal (Unreal's own axes, in cm) or {body}, got no frame")
@@ -153,40 +177,29 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
         keyed: whether rows have names, in a column that is called so, or in the first one.
         whole: whether all numbers of the file are one row, as of a matrix in four lines.
     """
-    comments = list[str]()
-    names = ""
-    where = 0
-    lines: Iterator[str] = _lines(path) if not whole else iter([" ".join(_lines(path)).replace("\n", " ")])
-    for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        if text.startswith(("#", "%")):
-            comments.append(text)
-        elif text and not names and is_names(text):
-            names = text
-            where = number
-        elif text:
-            break
-    else:
-        wanted = "expected rows of numbers below the names" if names else "expected rows of a trajectory"
-        raise ArgumentError(f"{wanted}, such as 'time tx ty tz qx qy qz qw', got none")
-    with within(f"line {where or number}"):
-        dialect, types = dialect_of(names, comments, text, keyed)
-    # Decimals of seconds are kept as they are written: a float64 would lose some.
-    at = dialect.columns.index("time") if "time" in dialect.columns else -1
+    lines: Iterator[str] = _lines(path)
+    if whole:
+        lines = iter([" ".join(lines).replace("\n", " ")])
+    head = _head_of(lines)
+    with within(f"line {head.number}"):
+        dialect, types = dialect_of(head.names, head.comments, head.row, keyed)
     try:
         with catch_warnings(action="error"):  # a fraction of a nanosecond
             table = np.loadtxt(
-                filter(str.strip, chain([text], _counted(lines, path))),
-                np.dtype([(f"c{i}", "O" if i == at else kind) for i, kind in enumerate(types)]),
+                filter(str.strip, chain([head.row], _counted(lines, path))),
+                np.dtype(_fields(dialect, types)),
                 comments=dialect.comment,
                 delimiter=dialect.separator,
                 quotechar='"' if keyed else None,
                 ndmin=1,
             )
-        columns = {name: table[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
-        written = None if at < 0 else columns["time"]
-        if written is not None:
-            columns["time"] = written.astype(types[at])
+        columns = {}
+        for i, name in enumerate(dialect.columns):
+            if name:
+                columns[name] = table[f"c{i}"]
+        written_times = columns.get("time")
+        if written_times is not None:
+            columns["time"] = written_times.astype(types[dialect.columns.index("time")])
     except (ValueError, OverflowError, DeprecationWarning) as cause:
         raise _wrong_line(path, dialect, types) from cause
 
@@ -195,7 +208,52 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
         return f"line {number}", text
 
     relative = dialect.name == "KITTI"
-    return dialect, Rows(columns, dialect.units, where_is, dialect.named, relative, written)
+    return dialect, Rows(columns, dialect.units, where_is, dialect.named, relative, written_times)
+
+
+class _Head(NamedTuple):
+    """The lines of a file up to its first row.
+
+    Attributes:
+        names: the line of names; "" for none.
+        comments: the comments.
+        row: the first row.
+        number: of the line of names, else of the first row, from 1.
+    """
+
+    names: str
+    comments: list[str]
+    row: str
+    number: int
+
+
+def _head_of(lines: Iterator[str]) -> _Head:
+    """Return the head of a file, whose lines are read up to the first row; ArgumentError without a row."""
+    comments: list[str] = []
+    names = ""
+    number_of_names = 0
+    for number, line in enumerate(lines, start=1):
+        text = line.strip()
+        if text.startswith(("#", "%")):
+            comments.append(text)
+        elif text and not names and is_names(text):
+            names = text
+            number_of_names = number
+        elif text:
+            return _Head(names, comments, text, number_of_names or number)
+    wanted = "expected rows of numbers below the names" if names else "expected rows of a trajectory"
+    raise ArgumentError(f"{wanted}, such as 'time tx ty tz qx qy qz qw', got none")
+
+
+def _fields(dialect: Dialect, types: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the names and types of columns as NumPy reads them.
+
+    Decimals of seconds are kept as they are written: a float64 would lose some.
+    """
+    fields = []
+    for i, (name, kind) in enumerate(zip(dialect.columns, types, strict=True)):
+        fields.append((f"c{i}", "O" if name == "time" else kind))
+    return fields
 
 
 def _data_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
@@ -236,28 +294,39 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
     if rows.written_times is None:
         return None, []
     times = rows.columns["time"]
-    unit = dialect.units.get("time", "").removesuffix("ec")
-    says = list[str]()
     if "nsec" in rows.columns:
-        whole, parts = (rows.columns[name].astype(np.int64) for name in ("time", "nsec"))
-        return whole * NS + parts, says
+        return times.astype(np.int64) * NS + rows.columns["nsec"].astype(np.int64), []
+    unit = dialect.units.get("time", "").removesuffix("ec")
+    says: list[str] = []
+    if not unit:
+        unit, says = _assumed_unit(times)
+    largest_s = float(np.abs(times).max()) / UNITS[unit]
+    if largest_s > _MOST_SECONDS:
+        raise ArgumentError(f"time: expected seconds, got {largest_s:.15g}")
+    return np.array(all_parsed(rows.written_times.tolist(), UNITS[unit])), says
+
+
+def _assumed_unit(times: NDArray[Any]) -> tuple[str, list[str]]:
+    """Return the unit of times (N,) without one, and what to say of it: seconds, unless they are too many."""
     smallest = float(np.abs(times).min())
     largest = float(np.abs(times).max())
-    slow = _SLOW if (times % 1).any() else _SLOW_WHOLE
-    if not unit and largest > _SECONDS:
-        unit = "ms" if largest < _SECONDS * 1e3 else "us" if largest < _SECONDS * 1e6 else "ns"
+    if largest > _SECONDS:
+        unit = "ns"
+        if largest < _SECONDS * 1e3:
+            unit = "ms"
+        elif largest < _SECONDS * 1e6:
+            unit = "us"
         if largest > _MOST_TIME or smallest < _SECONDS * UNITS[unit] / 1e3:
             raise ArgumentError(f"time: expected seconds, got {smallest:.15g} to {largest:.15g}")
-        says.append(f"times up to {largest:.6g} are taken as {unit} since 1970")
-    elif not unit and len(times) > 1 and (step := float(np.median(np.diff(times)))) >= slow:
-        advice = "name the column time_s, time_ms, time_us or time_ns"
-        if step >= _TOO_SLOW:
-            raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
-        says.append(f"times in steps of {step:.9g} are taken as seconds; if they are others, {advice}")
-    per_s = UNITS[unit or "s"]
-    if largest / per_s > _MOST_SECONDS:
-        raise ArgumentError(f"time: expected seconds, got {largest / per_s:.15g}")
-    return np.array(all_parsed(rows.written_times.tolist(), per_s)), says
+        return unit, [f"times up to {largest:.6g} are taken as {unit} since 1970"]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    slow = _SLOW if (times % 1).any() else _SLOW_WHOLE
+    if not step >= slow:
+        return "s", []
+    advice = "name the column time_s, time_ms, time_us or time_ns"
+    if step >= _TOO_SLOW:
+        raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
+    return "s", [f"times in steps of {step:.9g} are taken as seconds; if they are others, {advice}"]
 
 
 def _without_repeats(
@@ -276,12 +345,14 @@ def _without_repeats(
 
 
 def _kitti_times(path: Path) -> NDArray[np.int64] | None:
+    """Return the times beside a file of KITTI's, whole nanoseconds; None without such a file."""
     for beside in (path.with_suffix(".times"), path.with_name("times.txt")):
         if beside.is_file():
             with within(beside.name):
-                with suppress(ArithmeticError, ValueError):
-                    return np.array([parsed(text) for line in _lines(beside) for text in line.split()])
-                raise ArgumentError("expected a finite number in each line, got others")
+                try:
+                    return np.array([parsed(text) for text in " ".join(_lines(beside)).split()])
+                except (ArithmeticError, ValueError) as cause:
+                    raise ArgumentError("expected a finite number in each line, got others") from cause
     return None
 
 
@@ -296,19 +367,21 @@ def write_tum(trajectory: Trajectory) -> str:
 def write_euroc(trajectory: Trajectory) -> str:
     """Return the text of a EuRoC ``data.csv``; poses without times are numbered from 0, in seconds."""
     names = "p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-    stamped = zip(map(str, _stamps(trajectory)), _timed_rows(trajectory), strict=True)
-    rows = ([stamp, *row[1:4], row[7], *row[4:7]] for stamp, row in stamped)
+    rows = []
+    for stamp, row in zip(_stamps(trajectory), _timed_rows(trajectory), strict=True):
+        _, x, y, z, qx, qy, qz, qw = row
+        rows.append([str(stamp), x, y, z, qw, qx, qy, qz])
     return _text(f"#timestamp [ns],{names}", rows, ",")
 
 
 def write_kitti(trajectory: Trajectory) -> str:
     """Return the text of a KITTI odometry file: poses relative to the first one, without times."""
     first = trajectory[0]
-    relative = (
-        np.column_stack([first.rotation.T @ pose.rotation, first.to_camera(pose.position)])
-        for pose in trajectory
-    )
-    return _text("", (map(plain, matrix.ravel().tolist()) for matrix in relative))
+    rows = []
+    for pose in trajectory:
+        T_0_c = np.column_stack([first.rotation.T @ pose.rotation, first.to_camera(pose.position)])
+        rows.append(map(plain, T_0_c.ravel().tolist()))
+    return _text("", rows)
 
 
 def write_kitti_times(trajectory: Trajectory) -> str:

@@ -40,8 +40,9 @@ def rotation_from_unreal(rotators_deg: Array) -> Array:
     forward = (cp * cy, cp * sy, sp)
     right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
     up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
-    rows = np.stack([np.stack(axis, axis=-1) for axis in zip(forward, right, up, strict=True)], axis=-2)
-    return np.asarray(_MIRROR @ rows @ _MIRROR)
+    # Axes (3 axes, 3 coordinates, ...) as the columns of matrices (..., 3, 3).
+    axes = np.moveaxis(np.stack([np.stack(forward), np.stack(right), np.stack(up)]), (0, 1), (-1, -2))
+    return np.asarray(_MIRROR @ axes @ _MIRROR)
 
 
 def rotation_to_unreal(rotation: Array) -> Triple:
