@@ -1,7 +1,7 @@
 """The file of a job: YAML, checked key by key. ``example.yaml`` beside this module has every key."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, replace
 from itertools import pairwise
 from pathlib import Path
@@ -39,7 +39,8 @@ EPOCH_NS = 1_700_000_000 * NS
 EVERY = "*"
 """In a dotted key: every entry of a mapping or a list."""
 
-_RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
+_RENDER = {key_of(field): field for field in fields(RenderOptions)}
+_RECIPE = {key_of(field): field for field in fields(Recipe)}
 _JOB = {key_of(field): field for field in fields(Job) if reader_of(field)}
 _FIELDS = _JOB | _RECIPE | _RENDER
 _BELOW: dict[str, type[Any]] = {
@@ -86,7 +87,9 @@ def keys() -> Iterator[Key]:
         yield _key(name, field)
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
-                yield from (_key(f"{path}.{key_of(field)}", field) for field in fields(cls) if help_of(field))
+                for below in fields(cls):
+                    if help_of(below):
+                        yield _key(f"{path}.{key_of(below)}", below)
 
 
 def _key(name: str, field: Field[Any]) -> Key:
@@ -116,7 +119,7 @@ def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | Non
 
 
 def overridden(description: object, overrides: Mapping[str, Any]) -> Any:
-    """Return a copy of a job's description with other values.
+    """Return a copy of a job's ``description`` with the values of ``overrides``.
 
     Keys have dots between levels: ``face_size``, ``source_options.timeout_s``. A star is every entry of a
     mapping or a list: ``cameras.*.width``. None removes a key. ArgumentError: a key below something that is
@@ -134,16 +137,19 @@ def _replaced(old: object, path: Sequence[str], new: object, name: str) -> Any:
     """Return a copy of nested mappings with another value at a path; ``name`` is that of ``old``."""
     if not path:
         return new
-    key, *rest = path
+    key, *further = path
     below = key if name == "job" else f"{name}.{key}"
     if key == EVERY and isinstance(old, list):
-        return [_replaced(item, rest, new, below) for item in old]
-    if not isinstance(old, Mapping) and (old is not None or key == EVERY):
+        return [_replaced(item, further, new, below) for item in old]
+    if old is None and key != EVERY:
+        changed = {}
+    elif isinstance(old, Mapping):
+        changed = dict(old)
+    else:
         raise wrong(name, f"something in which {'.'.join(path)} can be set", old)
-    changed = dict(old or {})
     for entry in list(changed) if key == EVERY else [key]:
-        changed[entry] = _replaced(changed.get(entry), rest, new, below)
-    if new is None and not rest:
+        changed[entry] = _replaced(changed.get(entry), further, new, below)
+    if new is None and not further:
         changed.pop(key, None)
     return changed
 
@@ -175,7 +181,10 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
 
 
 def read(description: object, folder: Path) -> Job:
-    """Return the job of a mapping whose paths are relative to a folder; ArgumentError as :func:`load`."""
+    """Return the job of a ``description``, a mapping, whose paths are relative to a ``folder``.
+
+    ArgumentError: as of :func:`load`.
+    """
     values = mapping("", description)
     for path, instead in _GONE.items():
         below: Any = values
@@ -201,33 +210,66 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     if vary.cameras:
         values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
     values, own_cameras = split_own_cameras(values)
-    options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
-    recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
+    options = RenderOptions(**_take(values, _RENDER))
+    recipe = read_record(Recipe, _take(values, _RECIPE))
     given = _one_exposure(read_fields(Job, values), values.get("sensor"))
-    imu = given.pop("imu", None)
-    poses = given.pop("poses")
-    times = given.pop("times_ns", None)
+    given |= _timed(given)
+    given["source"] = address(given["source"], folder)
+    out = given.get("out", "out")
+    given["out"] = out if is_url(out) else folder / out
+    job = Job(**given, own_cameras=own_cameras, options=options, recipe=recipe, world=world)
+    return within_path(job)
+
+
+def _take(values: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """Remove the values of some keys, of those that there are, and return them."""
+    taken = {}
+    for key in keys:
+        if key in values:
+            taken[key] = values.pop(key)
+    return taken
+
+
+def _timed(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a job that depend on its times: poses, motions, the path and the IMU.
+
+    Args:
+        given: the fields, with ``poses`` as read and ``times_ns`` of the key ``times``.
+    """
+    imu = given.get("imu")
+    times = given.get("times_ns")
     curve: Curve = "linear" if imu is None else "spline"
-    posed = at_times(poses, times, curve)
+    posed = at_times(given["poses"], times, curve)
     motions = given.get("motions", {})
     lines = [posed.assumed]
-    lines += [f"motions.{name}: {line}" for name in motions for line in motions[name].waypoints.says]
-    rig = given.get("rig")
-    exposure = given.get("exposure", Exposure())
-    staggered = rig is not None and any(mounted.time_offset for mounted in rig.cameras.values())
-    path = _path(poses, posed.times_ns, curve, bool(imu or staggered or exposure.seconds))
+    for name, motion in motions.items():
+        lines += [f"motions.{name}: {line}" for line in motion.waypoints.says]
+    path = _path(given["poses"], posed.times_ns, curve, imu is not None or _needs_path(given))
+    epoch_ns = given.get("epoch_ns", 0)
     if imu is not None:
         lines.append(_check_spline(path, posed))
-    epoch_ns = given.setdefault("epoch_ns", _epoch_ns(path) if imu else 0)
-    given["motions"] = {name: motion.later(epoch_ns) for name, motion in motions.items()}
-    path = path and path.later(epoch_ns)
-    posed = posed.later(epoch_ns)
-    out = given.get("out", "out")
-    given |= {"source": address(given["source"], folder), "out": out if is_url(out) else folder / out}
-    given |= posed._replace(assumed="\n".join(filter(None, lines)))._asdict()
-    track = None if imu is None or path is None else ImuTrack(imu, path)
-    given |= {"path": path, "imu": track, "clock": times is not None, "own_cameras": own_cameras}
-    return within_path(Job(**given, options=options, recipe=recipe, world=world))
+        epoch_ns = given.get("epoch_ns", _epoch_ns(path))
+    if path is not None:
+        path = path.later(epoch_ns)
+    moved = {}
+    for name, motion in motions.items():
+        moved[name] = motion.later(epoch_ns)
+    return {
+        **posed.later(epoch_ns)._replace(assumed="\n".join(filter(None, lines)))._asdict(),
+        "epoch_ns": epoch_ns,
+        "motions": moved,
+        "path": path,
+        "imu": None if imu is None or path is None else ImuTrack(imu, path),
+        "clock": times is not None,
+    }
+
+
+def _needs_path(given: Mapping[str, Any]) -> bool:
+    """Return whether images have other times than their poses: in a rig with offsets, or by an exposure."""
+    if "exposure" in given and given["exposure"].seconds:
+        return True
+    rig = given.get("rig")
+    return rig is not None and any(mounted.time_offset for mounted in rig.cameras.values())
 
 
 def _one_exposure(given: dict[str, Any], sensor: object) -> dict[str, Any]:
@@ -256,13 +298,13 @@ def _check_spline(path: Trajectory | None, posed: Posed) -> str:
     """Return in one line how far the spline that an IMU moves on passes from the poses."""
     if path is None:
         wanted = "expected two or more poses with times, such as a trajectory's or a path's"
-        got = f"{len(posed.poses)} poses and {len(posed.times_ns or ())} times"
-        raise ArgumentError(f"imu: {wanted}, got {got}")
+        present = f"{len(posed.poses)} poses and {len(posed.times_ns or ())} times"
+        raise ArgumentError(f"imu: {wanted}, got {present}")
     with within("imu"):
         metres, radians = path.misses()
     if not max(metres, radians) <= PASSES:
-        got = f"{metres:.2g} m and {radians:.2g} rad"
-        raise ArgumentError(f"imu: expected a spline within {PASSES:g} m and rad of the poses, got {got}")
+        wanted = f"expected a spline within {PASSES:g} m and rad of the poses"
+        raise ArgumentError(f"imu: {wanted}, got {metres:.2g} m and {radians:.2g} rad")
     return f"imu: a spline through {len(path)} poses, within {metres:.1g} m and {radians:.1g} rad of them"
 
 
@@ -291,15 +333,17 @@ def _located(value: Any, path: Sequence[str], folder: Path, words: Sequence[str]
         return str(folder / value) if is_name else value
     if not isinstance(value, Mapping):
         return value
-    key, *rest = path
-    names = value.keys() if key == EVERY else value.keys() & {key}
-    return {**value, **{name: _located(value[name], rest, folder, words) for name in names}}
+    key, *further = path
+    located = dict(value)
+    for name in value if key == EVERY else value.keys() & {key}:
+        located[name] = _located(value[name], further, folder, words)
+    return located
 
 
 def address(source: str | Sequence[str], folder: Path) -> Any:
-    """Return an address, or several as a tuple, whose paths, if they have any, are relative to a folder."""
+    """Return the address of a ``source``, or several as a tuple; their paths are relative to a ``folder``."""
     if not isinstance(source, str):
-        return tuple(address(each, folder) for each in source)
+        return tuple(address(replica, folder) for replica in source)
     scheme = scheme_of(source)
     if scheme is None:
         return str(folder / source)

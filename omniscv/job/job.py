@@ -70,12 +70,14 @@ class Exposure:
         return (0.0, *offsets[:middle], *offsets[middle + 1 :])
 
     def lines(self, camera: RollingShutter) -> Iterator[tuple[float, Camera]]:
-        """Yield seconds after the first line is read, and a camera of the lines that are read from an instant
-        before then to the one after: each line is in two of them."""
-        count = self._count()
-        for i in range(count):
-            part, before, after = ((i + more) / (count - 1) for more in (0, -1, 1))
-            yield camera.readout * part, camera.lines(before, after)
+        """Yield each instant, in seconds after the first line is read, and a ``camera`` of its lines.
+
+        They are read between the instant before and the one after: each line is in two of these cameras.
+        """
+        last = self._count() - 1
+        for index in range(last + 1):
+            lines = camera.lines((index - 1) / last, (index + 1) / last)
+            yield camera.readout * (index / last), lines
 
     def _count(self) -> int:
         """The number of instants, once it is chosen."""
@@ -221,7 +223,6 @@ class Job:
             self._check_times(len(self.poses))
         elif count := getattr(self.sampling, "count", 0):
             self._check_times(count)
-        rolling = [name for name, camera in self.cameras.items() if readout_of(camera)]
         self._check_exposure()
         per_place = self.vary is not None and self.vary.per == "place" and bool(self.vary.rules)
         check_own_cameras(self.own_cameras, self.cameras, self.exposure.seconds, per_place)
@@ -229,13 +230,8 @@ class Job:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():
                 self.sensor.check(camera)
-            if self.moves and rolling and self.sensor.lateral != (0.0, 0.0):
-                wanted = "expected none of a rolling-shutter camera in a world that moves"
-                raise ArgumentError(f"sensor.lateral: {wanted}, got {list(self.sensor.lateral)}")
-        if self.moves and rolling and self.exposure.seconds:
-            wanted = "expected 0 for a rolling-shutter camera in a world that moves"
-            got = f"{self.exposure.seconds:g} for {rolling[0]!r}"
-            raise ArgumentError(f"exposure.seconds: {wanted}, got {got}")
+        if self.moves:
+            self._check_rolling_shutters()
         if (self.motions or self.exposure.seconds) and self.freeze == "pause":
             wanted = "expected auto, puppet, batch or none for motions and exposures"
             raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
@@ -281,8 +277,20 @@ class Job:
         """Whether images show the world in several states."""
         return self.moves or (self.vary is not None and bool(self.vary.rules))
 
+    def _check_rolling_shutters(self) -> None:
+        """Refuse blur and lateral colour of rolling-shutter cameras, in a world that moves."""
+        for name, camera in self.cameras.items():
+            if not readout_of(camera):
+                continue
+            if self.sensor is not None and self.sensor.lateral != (0.0, 0.0):
+                wanted = "expected none of a rolling-shutter camera in a world that moves"
+                raise ArgumentError(f"sensor.lateral: {wanted}, got {list(self.sensor.lateral)}")
+            if self.exposure.seconds:
+                wanted = "expected 0 for a rolling-shutter camera in a world that moves"
+                raise ArgumentError(f"exposure.seconds: {wanted}, got {self.exposure.seconds:g} for {name!r}")
+
     def _check_exposure(self) -> None:
-        """Refuse what moves a camera twice, or an exposure of what does not move."""
+        """Refuse a camera that would move in two ways, or an exposure of what does not move."""
         for name, camera in self.cameras.items():
             if self.path is not None and isinstance(camera, RollingShutter) and camera.moves_itself:
                 wanted = "expected no velocity or path, as the camera moves along its timed poses"
@@ -297,23 +305,36 @@ class Job:
     def _check_times(self, poses: int) -> None:
         """Refuse times that do not fit so many poses, the motions or the rig."""
         times = self.times_ns
-        spans = {name: span for name, motion in self.motions.items() if (span := motion.span_ns)}
         if times is None:
-            if self.clock or self.exposure.seconds > 0 or spans:
-                wanted = "expected them where something moves"
-                raise ArgumentError(f"times: {wanted}, got poses without; give 'times'")
-            for name, mounted in self.rig.cameras.items() if self.rig else ():
-                if mounted.time_offset:  # cameras do not move along such poses
-                    got = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
-                    raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
+            self._check_without_times()
             return
         if len(times) != poses:
             raise ArgumentError(f"times: expected one for each of {poses} poses, got {len(times)}")
-        for name, (start, end) in spans.items():
+        for name, motion in self.motions.items():
+            if not motion.span_ns:
+                continue
+            start, end = motion.span_ns
             if max(times) < start or min(times) > end:
-                ends = (decimal(ns - (self.epoch_ns or 0)) for ns in (min(times), max(times), start, end))
-                wanted = "expected waypoints around the job's times, {} to {} s, got {} to {} s"
-                raise ArgumentError(f"motions.{name}: {wanted.format(*ends)}")
+                wanted = f"expected waypoints around the job's times, {self._span(min(times), max(times))}"
+                raise ArgumentError(f"motions.{name}: {wanted}, got {self._span(start, end)}")
+
+    def _check_without_times(self) -> None:
+        """Refuse what needs the times of poses: motions, a clock, an exposure, and offsets in a rig."""
+        has_spans = any(motion.span_ns for motion in self.motions.values())
+        if self.clock or self.exposure.seconds > 0 or has_spans:
+            wanted = "expected them where something moves"
+            raise ArgumentError(f"times: {wanted}, got poses without; give 'times'")
+        if self.rig is None:
+            return
+        for name, mounted in self.rig.cameras.items():
+            if mounted.time_offset:  # cameras do not move along such poses
+                offset = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
+                raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {offset}")
+
+    def _span(self, start_ns: int, end_ns: int) -> str:
+        """Return the start and end of a span as the job's file has them, in words."""
+        epoch_ns = self.epoch_ns or 0
+        return f"{decimal(start_ns - epoch_ns)} to {decimal(end_ns - epoch_ns)} s"
 
 
 def within_path(job: Job) -> Job:
@@ -325,13 +346,15 @@ def within_path(job: Job) -> Job:
     if job.path is None or job.path.times_ns is None or job.times_ns is None:
         return job
     mounts = {} if job.rig is None else job.rig.cameras
-    spans = []
+    ends = [0.0]  # of the images of a pose, seconds after its time
     for name, camera in job.cameras.items():
         offset = mounts[name].time_offset if name in mounts else 0.0
-        spans.append((offset, offset + readout_of(camera)))
-    early, late = (nanoseconds(end) for end in (min(0, *map(min, spans)), max(0, *map(max, spans))))
-    first, last = job.path.times_ns[0] - early, job.path.times_ns[-1] - late
-    kept = [i for i, time in enumerate(job.times_ns) if first <= time <= last]
+        ends += [offset, offset + readout_of(camera)]
+    early = nanoseconds(min(ends))
+    late = nanoseconds(max(ends))
+    first = job.path.times_ns[0] - early
+    last = job.path.times_ns[-1] - late
+    kept = [index for index, time in enumerate(job.times_ns) if first <= time <= last]
     if len(kept) == len(job.times_ns):
         return job
     span = decimal(late - early)
@@ -339,20 +362,26 @@ def within_path(job: Job) -> Job:
         raise ArgumentError(f"poses: expected a path of at least {span} s, as images last, got a shorter one")
     says = f"poses: {len(job.times_ns) - len(kept)} of {len(job.times_ns)} are left out: their images, of "
     says += f"{span} s, would begin before the path or end after it"
-    at = slice(kept[0], kept[-1] + 1)
+    part = slice(kept[0], kept[-1] + 1)
     return replace(
         job,
-        poses=job.poses[at],
-        times_ns=job.times_ns[at],
-        places=job.places and job.places[at],
-        assumed="\n".join(filter(None, (job.assumed, says))),
+        poses=job.poses[part],
+        times_ns=job.times_ns[part],
+        places=job.places[part] if job.places else job.places,
+        assumed=f"{job.assumed}\n{says}" if job.assumed else says,
     )
 
 
 def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camera]:
     """Return the cameras of a rig, then the others, of which a copy of a job holds the rig's own, too."""
-    of_rig = {} if rig is None else {name: mounted.camera for name, mounted in rig.cameras.items()}
-    others = {name: camera for name, camera in cameras.items() if of_rig.get(name) is not camera}
+    of_rig: dict[str, Camera] = {}
+    if rig is not None:
+        for name, mounted in rig.cameras.items():
+            of_rig[name] = mounted.camera
+    others = {}
+    for name, camera in cameras.items():
+        if of_rig.get(name) is not camera:
+            others[name] = camera
     if twice := sorted(of_rig.keys() & others.keys()):
         raise ArgumentError(f"cameras: expected names that the rig has not, got {', '.join(twice)}")
     stems("cameras", [*of_rig, *others], dots=True)

@@ -42,9 +42,10 @@ def split_own_cameras(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[s
     for camera, keys in described.items():
         if not isinstance(keys, Mapping) or "of" not in keys:
             continue
-        lens = {key: value for key, value in keys.items() if key != "of"}
+        lens = dict(keys)
+        name = lens.pop("of")
         has_lens = lens != {"model": "pinhole"}
-        own[camera] = OwnCamera(text(f"cameras.{camera}.of", keys["of"]), has_lens)
+        own[camera] = OwnCamera(text(f"cameras.{camera}.of", name), has_lens)
         cameras[camera] = lens if has_lens else _PLACEHOLDER
     values = {**values, "cameras": cameras}
     if own and own.keys() == cameras.keys() and values.get("rig") is None:

@@ -43,7 +43,9 @@ class Posed(NamedTuple):
 
     def later(self, by_ns: int) -> Self:
         """Return the same at other times."""
-        return self._replace(times_ns=self.times_ns and tuple(time + by_ns for time in self.times_ns))
+        if not self.times_ns:
+            return self
+        return self._replace(times_ns=tuple(time + by_ns for time in self.times_ns))
 
 
 @record
@@ -72,11 +74,11 @@ class PoseFile:
             with within("poses.frame"):
                 cameras = load_on_body(frame)
             name, on_body = next(iter(cameras.items()))
-            says = [f"frame: the poses are of {name}, the first of {len(cameras)} cameras"] * (
-                len(cameras) > 1
-            )
+            if len(cameras) > 1:
+                says.append(f"frame: the poses are of {name}, the first of {len(cameras)} cameras")
         trajectory = read_trajectory(path, frame=on_body, unit=self.unit)
-        says += [f"poses: {path.name}: {line}" for line in trajectory.says]
+        for line in trajectory.says:
+            says.append(f"poses: {path.name}: {line}")
         poses = Poses.of(trajectory.poses)
         upward = np.mean(np.abs(poses.rotations[:, 2, 2]) > _STEEP)
         if frame is None and upward >= 0.5 and "T_BS" not in "".join(trajectory.says):
@@ -115,7 +117,10 @@ class _ListedPose(_Waypoint):
 
 
 def read_poses(name: str, value: object) -> Posed:
-    """Return the poses of a list, of a trajectory file, or that a mapping describes."""
+    """Return the poses that ``value`` describes: a list, the name of a trajectory file, or a mapping.
+
+    Poses that an open source is needed for are left to be sampled. Errors begin with ``name``.
+    """
     if isinstance(value, str):
         return PoseFile(text(name, value)).load()
     if isinstance(value, dict) and "file" in value:
@@ -128,21 +133,39 @@ def read_poses(name: str, value: object) -> Posed:
         return Posed(trajectory.poses, trajectory.times_ns)
     if not isinstance(value, list) or not value:
         raise wrong(name, "a list of poses, poses to sample, or the name of a trajectory file", value)
-    listed = [read(_ListedPose, description, f"{name}[{i}]") for i, description in enumerate(value)]
-    times = tuple(nanoseconds(pose.time) for pose in listed if pose.time is not None)
+    return _read_listed(name, value)
+
+
+def _read_listed(name: str, descriptions: Sequence[object]) -> Posed:
+    """Return the poses of a list that is not empty."""
+    listed = []
+    for index, description in enumerate(descriptions):
+        listed.append(read(_ListedPose, description, f"{name}[{index}]"))
+    times = []
+    poses = []
+    places = []
+    for pose in listed:
+        if pose.time is not None:
+            times.append(nanoseconds(pose.time))
+        poses.append(Pose.from_angles(pose.position, *pose.angles))
+        places.append(pose.place)
     if times and len(times) < len(listed):
         wanted = "expected a time for every pose or for none"
         raise ArgumentError(f"{name}: {wanted}, got {len(listed) - len(times)} without")
-    poses = tuple(Pose.from_angles(pose.position, *pose.angles) for pose in listed)
-    places = tuple(pose.place for pose in listed)
-    return Posed(poses, times or None, places if any(places) else None)
+    return Posed(tuple(poses), tuple(times) or None, tuple(places) if any(places) else None)
 
 
 def read_motions(name: str, value: object) -> dict[str, Motion]:
-    """Return the motions that a mapping from objects describes; ArgumentError for all else."""
+    """Return the motions that ``value``, a mapping from objects, describes.
+
+    ArgumentError, which begins with ``name``, for anything else.
+    """
     if not isinstance(value, Mapping) or not value:
         raise ArgumentError(f"{name}: expected a mapping from objects to motions, got {shown(value)}")
-    return {text(name, key): _read_motion(f"{name}.{key}", motion) for key, motion in value.items()}
+    motions = {}
+    for key, motion in value.items():
+        motions[text(name, key)] = _read_motion(f"{name}.{key}", motion)
+    return motions
 
 
 def _read_motion(name: str, value: object) -> Motion:
@@ -162,13 +185,18 @@ def _read_waypoints(name: str, value: object) -> Trajectory:
         return read_trajectory(Path(text(name, value)), frame="object")
     if not isinstance(value, list) or not value:
         raise wrong(name, "waypoints, {spline: waypoints}, or the name of a trajectory file", value)
-    waypoints = [read(_Waypoint, keys, f"{name}[{i}]") for i, keys in enumerate(value)]
-    untimed = [i for i, waypoint in enumerate(waypoints) if waypoint.time is None]
-    if untimed and len(waypoints) > 1:
-        raise ArgumentError(f"{name}[{untimed[0]}]: missing key 'time'; give every waypoint a time")
-    poses = tuple(object_pose(point.position, *point.angles) for point in waypoints)
+    waypoints = []
+    for index, keys in enumerate(value):
+        waypoints.append(read(_Waypoint, keys, f"{name}[{index}]"))
+    poses = []
+    seconds: list[Decimal | float] = []
+    for index, waypoint in enumerate(waypoints):
+        if waypoint.time is None and len(waypoints) > 1:
+            raise ArgumentError(f"{name}[{index}]: missing key 'time'; give every waypoint a time")
+        poses.append(object_pose(waypoint.position, *waypoint.angles))
+        seconds.append(waypoint.time or 0.0)
     with within(name):
-        return Trajectory.timed(poses, (point.time or 0.0 for point in waypoints))
+        return Trajectory.timed(tuple(poses), seconds)
 
 
 @record
@@ -180,34 +208,42 @@ class TimeRange:
     start: Decimal | None = checked(optional(_seconds), default=None)
 
     def times_ns(self, own: tuple[int, ...] | None) -> tuple[int, ...]:
-        """Return the times; what is not said is that of the poses' own times."""
-        first = (own or (0,))[0] if self.start is None else nanoseconds(self.start)
+        """Return the times; a start or count that is not given is that of ``own``, the poses' own times."""
+        first = own[0] if own else 0
+        if self.start is not None:
+            first = nanoseconds(self.start)
         count = self.count
-        if count is None and not own:
-            raise ArgumentError("times: missing key 'count', as the poses have no times")
         if count is None:
-            span = ((own or (0,))[-1] - first) / NS
+            if not own:
+                raise ArgumentError("times: missing key 'count', as the poses have no times")
+            span = (own[-1] - first) / NS
             count = whole_number("times: count", int(max(span, 0) * self.rate + 1e-6) + 1, most=_MOST_TIMES)
         per_s = Fraction(exact_seconds(self.rate))
-        return tuple(first + round(i * NS / per_s) for i in range(count))
+        return tuple(first + round(index * NS / per_s) for index in range(count))
 
 
 Times = tuple[int, ...] | TimeRange | Literal["poses"]
 
 
 def read_times(name: str, value: object) -> Times:
-    """Return the nanoseconds of a list, a range, or the word ``poses``."""
+    """Return ``value`` as nanoseconds of a list of seconds, as a range, or the word ``poses`` as it is.
+
+    Errors begin with ``name``.
+    """
     if value == "poses":
         return "poses"
     if isinstance(value, list) and value:
-        return tuple(nanoseconds(_seconds(f"{name}[{i}]", time)) for i, time in enumerate(value))
+        times = []
+        for index, time in enumerate(value):
+            times.append(nanoseconds(_seconds(f"{name}[{index}]", time)))
+        return tuple(times)
     if not isinstance(value, dict):
         raise wrong(name, "a list of seconds, {start, rate, count}, or 'poses'", value)
     return read(TimeRange, value, name)
 
 
 def read_epoch(name: str, value: object) -> int:
-    """Return an epoch in whole nanoseconds, which is in seconds if it is below 1e11."""
+    """Return ``value`` in whole nanoseconds; below 1e11 it is in seconds. Errors begin with ``name``."""
     epoch = number(name, value, least=0)
     return nanoseconds(_seconds(name, value)) if epoch < 1e11 else whole_number(name, value, least=0)
 
@@ -217,20 +253,35 @@ def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Pose
 
     One pose is taken at every time; poses with their own times are interpolated; otherwise there is one time
     per pose. The number of poses that are yet to be sampled is compared later, by the job.
+
+    Args:
+        posed: the poses, with their own times if they have some.
+        times: of the job; None: those of the poses.
+        curve: on which poses are interpolated.
+
+    Raises:
+        ArgumentError: ``times`` is ``poses``, and these have none; or poses have times and places, too.
     """
-    if times is None or (times == "poses" and (posed.sampling or posed.times_ns)):
+    if times is None:
         return posed
+    if times == "poses":
+        if posed.sampling or posed.times_ns:
+            return posed
+        raise ArgumentError("times: expected poses with times, got some without; list the times")
     if isinstance(times, TimeRange):
         times = times.times_ns(posed.times_ns)
-    if times == "poses":
-        raise ArgumentError("times: expected poses with times, got some without; list the times")
     if posed.times_ns is not None and posed.sampling is None:
-        if posed.places is not None:
-            raise ArgumentError("times: expected poses without times of their own, as they have places")
-        path = Trajectory(posed.poses, posed.times_ns, curve)
-        with within("times"):
-            return Posed(tuple(path.at(time) for time in times), times, assumed=posed.assumed)
+        return _interpolated(posed, posed.times_ns, times, curve)
     if len(posed.poses) == 1:
         places = None if posed.places is None else posed.places * len(times)
         return Posed((posed.poses[0],) * len(times), times, places, assumed=posed.assumed)
     return posed._replace(times_ns=times)
+
+
+def _interpolated(posed: Posed, own_ns: tuple[int, ...], times_ns: tuple[int, ...], curve: Curve) -> Posed:
+    """Return poses with their own times at others."""
+    if posed.places is not None:
+        raise ArgumentError("times: expected poses without times of their own, as they have places")
+    path = Trajectory(posed.poses, own_ns, curve)
+    with within("times"):
+        return Posed(tuple(map(path.at, times_ns)), times_ns, assumed=posed.assumed)

@@ -32,6 +32,10 @@ from omniscv.storage import is_url, without_secrets
 
 
 def read_source(name: str, value: object) -> str | tuple[str, ...]:
+    """Return ``value``, an address or a list of addresses.
+
+    ArgumentError, which begins with ``name``, for anything else.
+    """
     if not isinstance(value, str | list | tuple):
         raise wrong(name, "an address, a recording, or a list of them", value)
     return text(name, value) if isinstance(value, str) else texts(name, value)
@@ -61,6 +65,7 @@ class _CameraFile:
 
 
 def read_cameras(name: str, value: object) -> dict[str, Camera]:
+    """Return the cameras that ``value`` describes by their names; errors begin with ``name``."""
     if not isinstance(value, dict) or not value:
         raise wrong(name, "a mapping from file stem to model and parameters, or to a calibration file", value)
     stems(name, value, dots=True)
@@ -77,7 +82,7 @@ def read_cameras(name: str, value: object) -> dict[str, Camera]:
 
 
 def read_rig(name: str, value: object) -> Rig:
-    """Return the rig of a file, or an inline one."""
+    """Return the rig of ``value``: the name of a file, or cameras by name. Errors begin with ``name``."""
     if not isinstance(value, str | Mapping):
         raise ArgumentError(f"{name}: expected a file's name or cameras by name, got {shown(value)}")
     from omniscv.calibration import load_rig  # slow to load
@@ -87,6 +92,8 @@ def read_rig(name: str, value: object) -> Rig:
 
 
 def read_recording(name: str, value: object) -> Path:
+    """Return ``value`` as the path of a recording; ArgumentError, which begins with ``name``, for a URL or a
+    folder."""
     if is_url(value):
         wanted = "expected a path on this machine, to be put into a store by 'omniscv recording merge'"
         raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
@@ -128,17 +135,25 @@ class KnownOptions:
 
 
 def read_source_options(name: str, value: object) -> dict[str, Any]:
-    """Check the options that are known here; the opener checks all."""
+    """Return the options of ``value``, of which those that are known here are checked; the opener checks all.
+
+    Errors begin with ``name``.
+    """
     options = mapping(name, value)
     if "freeze" in options:
         raise ArgumentError(f"{name}.freeze: expected it as a key of the job, 'freeze: {options['freeze']}'")
-    known = {field.name for field in fields(KnownOptions)} & options.keys()
-    return {**options, **plain(name, {key: options[key] for key in options if key in known}, KnownOptions)}
+    known = {field.name for field in fields(KnownOptions)}
+    checked_here = {key: option for key, option in options.items() if key in known}
+    return {**options, **plain(name, checked_here, KnownOptions)}
 
 
 def read_brackets(name: str, value: object) -> tuple[float, ...]:
-    """Return stops in increasing order; none if there are none."""
-    stops = numbers(name, value, (None,)).tolist() if isinstance(value, list | tuple) and value else []
-    if (value and len(stops) < 2) or stops != sorted(set(stops)) or any(abs(s) > MOST_STOPS for s in stops):
+    """Return the stops of ``value``, in increasing order; none if it is empty. Errors begin with ``name``."""
+    stops: list[float] = []
+    if isinstance(value, list | tuple) and value:
+        stops = numbers(name, value, (None,)).tolist()
+    is_long = not value or len(stops) >= 2
+    is_wide = any(abs(stop) > MOST_STOPS for stop in stops)
+    if not is_long or is_wide or stops != sorted(set(stops)):
         raise wrong(name, f"two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]", value)
     return tuple(stops)

@@ -43,11 +43,14 @@ class Split:
         """Return the split of a place."""
         digest = hashlib.sha256(f"{self.seed}:{place}".encode()).digest()
         left = int.from_bytes(digest[:8], "big") / 2**64
+        last = ""
         for split, share in self.shares.items():
             left -= share
             if left < 0:
                 return split
-        return [split for split, share in self.shares.items() if share > 0][-1]  # of shares just below 1
+            if share > 0:
+                last = split
+        return last  # of shares whose sum is just below 1
 
     def places(self, positions_w: Array, names: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the place of each pose: its name, else ``X,Y,Z`` of the first pose of its place.
@@ -57,11 +60,12 @@ class Split:
             names: of the poses' places, empty for a pose without one; may be empty.
         """
         places = list(names) or [""] * len(positions_w)
-        unnamed = [i for i, place in enumerate(places) if not place]
+        unnamed = np.flatnonzero([not place for place in places])
         positions = dict.fromkeys(map(tuple, positions_w[unnamed].tolist()))  # many poses may share one
         first = dict(zip(positions, cluster_starts(np.array(list(positions)), self.distance_m), strict=True))
-        for i in unnamed:
-            places[i] = ",".join(f"{value:.3f}" for value in first[tuple(positions_w[i].tolist())])
+        for index in unnamed:
+            x, y, z = first[tuple(positions_w[index].tolist())]
+            places[index] = f"{x:.3f},{y:.3f},{z:.3f}"
         return tuple(places)
 
     def to_dict(self) -> dict[str, Any]:
@@ -70,36 +74,46 @@ class Split:
 
 
 def read_split(name: str, value: object) -> Split:
-    """Return the split that a mapping describes: ``{train: 0.8, val: 0.2, seed: 0}``."""
+    """Return the split that ``value`` describes: ``{train: 0.8, val: 0.2, seed: 0}``.
+
+    ArgumentError, which begins with ``name``: another value, or shares whose sum is not 1.
+    """
     if isinstance(value, Split):
         return value
     if not isinstance(value, Mapping):
         raise ArgumentError(f"{name}: expected a mapping from split to share, got {shown(value)}")
-    options = {key: value[key] for key in ("distance_m", "seed", "by") if key in value}
-    shares = {
-        stem(name, split): number(f"{name}.{split}", share, least=0, most=1)
-        for split, share in value.items()
-        if split not in options
-    }
+    options = {}
+    shares = {}
+    for key, entry in value.items():
+        if key in ("distance_m", "seed", "by"):
+            options[key] = entry
+        else:
+            shares[stem(name, key)] = number(f"{name}.{key}", entry, least=0, most=1)
     if abs(sum(shares.values()) - 1) > _TOLERANCE:
         raise wrong(name, "shares whose sum is 1, such as train: 0.8, val: 0.2", shares)
     return read(Split, {"shares": shares, **options}, name)
 
 
 def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:
-    """Return the keys of a mapping as a record's readers convert them, without those that it leaves out.
+    """Return a mapping with its values as the readers of a record convert them.
 
-    A dataset's manifest holds what its job says, not the defaults of a version.
+    Keys that it leaves out stay out: the manifest of a dataset has what the job says, not the defaults of a
+    version.
+
+    Args:
+        name: with which errors begin.
+        value: the mapping.
+        cls: the record.
     """
     return _given(asdict(read(cls, value, name)), mapping(name, value))
 
 
 def _given(values: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of some keys, and below them of the keys that mappings have."""
-    return {
-        key: _given(values[key], below) if isinstance(below, Mapping) else values[key]
-        for key, below in keys.items()
-    }
+    given = {}
+    for key, below in keys.items():
+        given[key] = _given(values[key], below) if isinstance(below, Mapping) else values[key]
+    return given
 
 
 @record
@@ -111,7 +125,7 @@ class Media:
 
 
 def read_classes(name: str, value: object) -> Any:
-    """Return the content of a ``classes.yaml``, which is given by its path or as it is."""
+    """Return the content of a ``classes.yaml``: ``value`` is it, or its path. Errors begin with ``name``."""
     if not isinstance(value, str):
         return mapping(name, value)
     with within(value):
@@ -119,30 +133,43 @@ def read_classes(name: str, value: object) -> Any:
 
 
 def read_truth(name: str, value: object) -> dict[str, dict[str, Any]]:
-    """Return the options of the truths that are switched on, by name."""
-    truths = {key: _options(f"{name}.{key}", options) for key, options in mapping(name, value).items()}
-    if truths.get("tolerance") is not None:
+    """Return the options of the truths that ``value`` switches on, by name. Errors begin with ``name``."""
+    truths = {}
+    for key, switch in mapping(name, value).items():
+        options = _options(f"{name}.{key}", switch)
+        if options is not None:
+            truths[key] = options
+    if "tolerance" in truths:
         truths["tolerance"] = plain(f"{name}.tolerance", truths["tolerance"], Tolerance)
-    return {key: options for key, options in truths.items() if options is not None}
+    return truths
 
 
 def _options(name: str, value: object) -> dict[str, Any] | None:
     """Return options: none for true, ``{kind: WORD}`` for a word; None for false and off."""
     if value is None or value is False or value == "off":
         return None
-    options = {} if value is True else {"kind": value} if isinstance(value, str) else value
-    if not isinstance(options, Mapping):
+    if value is True:
+        return {}
+    if isinstance(value, str):
+        return {"kind": value}
+    if not isinstance(value, Mapping):
         raise ArgumentError(f"{name}: expected true, false, or a mapping of options, got {shown(value)}")
-    return dict(options)
+    return dict(value)
 
 
 def read_export(name: str, value: object) -> dict[str, Any]:
-    """Return ``{format: NAME, OPTION: VALUE}`` of such a mapping, or of a format's name."""
-    export = {"format": value} if isinstance(value, str) else value
-    if not isinstance(export, Mapping) or not isinstance(export.get("format"), str):
+    """Return ``{format: NAME, OPTION: VALUE}`` of ``value``, which is such a mapping or a format's name.
+
+    ArgumentError, which begins with ``name``, for anything else.
+    """
+    if isinstance(value, str):
+        return {"format": value}
+    if not isinstance(value, Mapping) or not isinstance(value.get("format"), str):
         raise wrong(name, "a format, or {format: NAME, OPTION: VALUE}", value)
-    cameras = {"cameras": texts(f"{name}.cameras", export["cameras"])} if "cameras" in export else {}
-    return {**export, **cameras}
+    export = dict(value)
+    if "cameras" in export:
+        export["cameras"] = texts(f"{name}.cameras", export["cameras"])
+    return export
 
 
 @record

@@ -83,19 +83,25 @@ class RandomPoses:
         _check_box(self)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses; the last one of 50 free ones where none shows what is to be visible."""
+        """Return the poses, each at a position that ``is_free``, and from which the image ``sees`` enough.
+
+        Without ``sees`` the first free pose is taken. If 50 free poses in turn show too little, the last of
+        them is taken. ArgumentError: too few free positions are found.
+        """
         assert is_free is not None
-        low, high = np.asarray(self.low), np.asarray(self.high)
-        ranges = [np.broadcast_to(angle, 2) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg)]
+        low = np.asarray(self.low)
+        high = np.asarray(self.high)
         draw = np.random.default_rng(self.seed)
         poses: list[Pose] = []
         looks = 0
         for tries in range(1, _TRIES * self.count + 1):
             position = draw.uniform(low, high)
-            angles = [draw.uniform(*bounds) for bounds in ranges]
+            yaw_deg = _draw_angle(draw, self.yaw_deg)
+            pitch_deg = _draw_angle(draw, self.pitch_deg)
+            roll_deg = _draw_angle(draw, self.roll_deg)
             if is_free(position):
-                pose = Pose.from_angles(position, *angles)
-                looks = looks + 1
+                pose = Pose.from_angles(position, yaw_deg, pitch_deg, roll_deg)
+                looks += 1
                 if sees is None or sees(pose) or looks == _LOOKS:
                     poses.append(pose)
                     looks = 0
@@ -107,6 +113,12 @@ class RandomPoses:
         raise ArgumentError(
             f"poses.random: {wanted}, got {len(poses)} in {tries} tries; give a smaller clearance"
         )
+
+
+def _draw_angle(draw: np.random.Generator, angle: Angle) -> float:
+    """Return a number that is drawn from a range of angles, of no width for one angle."""
+    low, high = np.broadcast_to(angle, 2)
+    return float(draw.uniform(low, high))
 
 
 @record
@@ -132,16 +144,23 @@ class GridPoses:
             raise wrong("step", f"distances > 0 that give at most {_MOST} poses", self.step)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses at positions of the grid that are free."""
-        axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
-        xs, ys, zs = (low + step * np.arange(count) for low, step, count in axes)
-        positions = (np.array([x, y, z]) for z, y, x in product(zs, ys, xs))
-        free = [position for position in positions if is_free is None or is_free(position)]
-        if not free:
+        """Return the poses at all positions of the grid that ``is_free`` accepts; ``sees`` is not used.
+
+        ArgumentError: no position is free.
+        """
+        low = np.asarray(self.low)
+        step = np.asarray(self.step)
+        columns, rows, layers = self._counts().astype(int).tolist()
+        poses = []
+        for layer, row, column in product(range(layers), range(rows), range(columns)):
+            position = low + step * (column, row, layer)
+            if is_free is None or is_free(position):
+                for yaw in np.asarray(self.yaws_deg).tolist():
+                    poses.append(Pose.from_angles(position, yaw_deg=yaw))
+        if not poses:
             wanted = f"expected positions with a clearance of {self.clearance} m"
             raise ArgumentError(f"poses.grid: {wanted}, got none; give a smaller clearance or another start")
-        yaws = np.asarray(self.yaws_deg).tolist()
-        return Trajectory(tuple(Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws))
+        return Trajectory(tuple(poses))
 
     def _counts(self) -> Array:
         """(3,) the number of positions along each axis."""
@@ -171,7 +190,7 @@ class PathPoses:
             raise wrong("waypoints", "at least two, each different from the one before", points)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses and their times, from 0 s; the arguments are not used."""
+        """Return the poses and their times, from 0 s; ``is_free`` and ``sees`` are not used."""
         positions, tangents, times = self._curve()
         if isinstance(self.look, str):
             targets = positions + tangents * (1, 1, self.look == "ahead")
@@ -212,7 +231,8 @@ class PathPoses:
 
 def _check_box(box: RandomPoses | GridPoses) -> None:
     """Refuse corners that are not in order; set the default of ``start``."""
-    low, high = np.asarray(box.low), np.asarray(box.high)
+    low = np.asarray(box.low)
+    high = np.asarray(box.high)
     if (low > high).any():
         raise ArgumentError(f"high: expected numbers >= low {shown(low)}, got {shown(high)}")
     if box.start is None:
@@ -227,7 +247,10 @@ KINDS: dict[str, type[Any]] = {"random": RandomPoses, "grid": GridPoses, "path":
 
 
 def read_sampling(name: str, value: object) -> SampledPoses:
-    """Return what a mapping under a job's ``poses`` describes: one of ``random``, ``grid``, ``path``."""
+    """Return what ``value``, the ``poses`` of a job, describes: one of ``random``, ``grid``, ``path``.
+
+    Errors begin with ``name``.
+    """
     descriptions = mapping(name, value, KINDS)
     if len(descriptions) != 1:
         raise ArgumentError(f"{name}: expected one of {', '.join(KINDS)}; got {shown(list(descriptions))}")
