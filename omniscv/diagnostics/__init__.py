@@ -23,5 +23,13 @@ class Finding:
 
     @classmethod
     def unless(cls, ok: bool, name: str, value: str, verdict: Literal["warning", "bad"], remedy: str) -> Self:
-        """Return a finding that is ok, or else has a verdict and a remedy."""
+        """Return a finding that is fine if ``ok``, or else has a verdict and a remedy.
+
+        Args:
+            ok: whether it is fine.
+            name: what was measured.
+            value: the result, with its unit.
+            verdict: if it is not fine.
+            remedy: likewise: what to do.
+        """
         return cls(name, value) if ok else cls(name, value, verdict, remedy)

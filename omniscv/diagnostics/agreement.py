@@ -20,43 +20,44 @@ from omniscv.compose.light_checks import entered
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.self_calibration import GREY, Picture, inside, light_findings, sample
 from omniscv.diagnostics.server import FACES, RawCamera
-from omniscv.geometry import Array, pinhole
+from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import UNREAL_SKY
 
 Mask = NDArray[np.bool_]
 
-_TURNED = [(yaw, pitch) for yaw, pitch in zip(range(20, 380, 60), (35, -40, 10, 50, -25, -55), strict=True)]
+_TURNED = ((20, 35), (80, -40), (140, 10), (200, 50), (260, -25), (320, -55))
+"""Yaw and pitch, degrees, of views that are compared with the faces."""
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
-# to the second centre: metres, and of the nearest distance
+# How far along it the second centre is, at most:
 _BESIDE_M = 0.5
-_BESIDE_SHARE = 0.4
+_BESIDE_SHARE = 0.4  # of the nearest distance
 _FAR_M = 1e6  # of the sky
 _SMOOTH = 2e-3  # second differences of inverse depth, relative, below which it is interpolated
-# relative depth and grey levels by which captures may differ
-_DEPTH = 2e-3
-_LEVELS = 4.0
-# of depth; in which points; after which moves, metres
-_SCALE = 4e-3
-_NEARLY = 0.02
-_LEAST_M = 0.05
+# By how much captures may differ:
+_DEPTH = 2e-3  # relative
+_LEVELS = 4.0  # grey levels of colours
+_SHARE = 0.01  # of the pixels
+_AGAIN_LEVELS = 0.5  # of a view that is captured again, at the mean
+# The scale of depth:
+_SCALE = 4e-3  # by which it may be off
+_NEARLY = 0.02  # relative difference of depth up to which a point counts
+_LEAST_M = 0.05  # by which a centre is nearer, for its points to count
 _AROUND = np.ones((5, 5), np.uint8)
-# by how much farther another capture sees, and in which share of pixels
-_GONE = 0.05
-_GONE_SHARE = 5e-4
-# of pixels, of an object's points, and of its colours
-_SHARE = 0.01
-_OF_OBJECT = 0.25
-_OF_COLORS = 0.015
-_LEAST_PX = 60
-# points may be so far outside their object's box: metres, of the distance
-_OUTSIDE_M = 0.03
-_OUTSIDE = 0.01
+# Things that come and go:
+_GONE = 0.05  # relative depth by which another capture sees farther
+_GONE_SHARE = 5e-4  # of the pixels, which may
+# Objects:
+_LEAST_PX = 60  # of an object that is judged
+_OF_OBJECT = 0.25  # share of its points that may be outside its box
+_OF_COLORS = 0.015  # share of its colours that may differ
+_OUTSIDE_M = 0.03  # how far outside counts, plus:
+_OUTSIDE = 0.01  # of the distance
 _CROSSED_PX = 150  # rays that enter the box of an object that is not shown
-_SPHERE = 2e-3
-_SPHERE_PX = 2000
-_AGAIN_LEVELS = 0.5
+# Spheres around the camera:
+_SPHERE = 2e-3  # relative difference of their distances
+_SPHERE_PX = 2000  # least pixels
 _MOST_PX = 4  # by which colours are looked for beside the masks' edges
 _EFFECTS = (
     "see exposure and vignette; no compression; vrun r.BloomQuality 0, r.LensFlareQuality 0, "
@@ -128,11 +129,11 @@ class Overlap(NamedTuple):
 
     @classmethod
     def of(cls, first: ViewCapture, second: ViewCapture) -> Overlap:
-        """Compare the surfaces of the second with the first."""
+        """Compare the surfaces of the ``second`` with the ``first``."""
         uvz = first.view.project(second.points_w)
         common = inside(uvz, first.view) & (second.depth < _FAR_M)
         at = np.where(common[..., None], uvz[..., :2], 0).astype(np.int64)
-        there = at[..., 1], at[..., 0]
+        there = (at[..., 1], at[..., 0])
         gone = (cv2.erode(first.depth, _AROUND)[there] > (1 + _GONE) * uvz[..., 2])[common]
         common &= second.smooth & first.smooth[there]
         expected = uvz[..., 2][common]
@@ -141,40 +142,59 @@ class Overlap(NamedTuple):
         nearer = (second.view.pose.position - first.view.pose.position) @ first.view.pose.R_w_c[:, 2]
         known = (np.abs(behind) < _NEARLY) & (abs(nearer) > _LEAST_M)
         scale = (behind * expected)[known] / (nearer or 1.0)
-        row = tuple(axis[common][same] for axis in there)
-        least = cv2.erode(first.lit, _AROUND)[row]
-        most = cv2.dilate(first.lit, _AROUND)[row]
+        shared = (there[0][common][same], there[1][common][same])
+        least = cv2.erode(first.lit, _AROUND)[shared]
+        most = cv2.dilate(first.lit, _AROUND)[shared]
         lit = second.lit[common][same]
         levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
         objects = second.mask[common][same]
-        return cls(behind, scale, gone, first.mask[row] != objects, levels, objects)
+        return cls(behind, scale, gone, first.mask[shared] != objects, levels, objects)
 
     @classmethod
     def of_pairs(cls, captures: Iterable[ViewCapture], others: Sequence[ViewCapture]) -> Overlap:
-        """Compare every one of some captures with every one of others, both ways."""
-        pairs = [pair for a in captures for b in others for pair in ((a, b), (b, a))]
-        return cls(*map(np.concatenate, zip(*(cls.of(*pair) for pair in pairs), strict=True)))
+        """Compare each of some ``captures`` with each of the ``others``, both ways."""
+        overlaps = []
+        for capture, other in product(captures, others):
+            overlaps.append(cls.of(capture, other))
+            overlaps.append(cls.of(other, capture))
+        return cls(*map(np.concatenate, zip(*overlaps, strict=True)))
 
 
 def capture_views(
     camera: RawCamera, angles: Iterable[tuple[float, float]], beside_m: Array
 ) -> list[ViewCapture]:
-    """Capture views in three modes at a centre beside the camera's position."""
-    kind, unit = camera.driver.table.depth
+    """Capture views in three modes at a centre beside the camera's position.
+
+    Args:
+        camera: it is left where it was.
+        angles: yaw and pitch of each view, degrees.
+        beside_m: (3,) from the camera's position to the centre, world frame, metres.
+    """
     start = camera.position
     captures = []
     camera.position = start + beside_m
-    for angle in angles:
-        pose = camera.go(*angle)
-        lit, depth, mask = (camera.pixels(mode) for mode in ("lit", "depth", "object_mask"))
-        view = View(pose, camera.fov_deg, lit.shape[1], lit.shape[0])
-        metres = depth.astype(np.float64) * (0.01 if unit == "cm" else 1.0)
-        planar = np.where(depth < UNREAL_SKY, metres / (view.ray_lengths() if kind == "ray" else 1), _FAR_M)
-        usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
-        codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else np.zeros(lit.shape[:2], np.int64)
-        captures.append(ViewCapture(view, lit.astype(np.float32), planar, codes, usable))
+    for yaw_deg, pitch_deg in angles:
+        captures.append(_captured(camera, camera.go(yaw_deg, pitch_deg)))
     camera.position = start
     return captures
+
+
+def _captured(camera: RawCamera, pose: Pose) -> ViewCapture:
+    """Capture a view in three modes, of a camera that is at a pose."""
+    lit = camera.pixels("lit")
+    depth = camera.pixels("depth")
+    mask = camera.pixels("object_mask")
+    view = View(pose, camera.fov_deg, lit.shape[1], lit.shape[0])
+    kind, unit = camera.driver.table.depth
+    metres = depth.astype(np.float64) * (0.01 if unit == "cm" else 1.0)
+    planar = metres / (view.ray_lengths() if kind == "ray" else 1)
+    has_mask = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
+    codes = np.zeros(lit.shape[:2], np.int64)
+    if has_mask:
+        codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1)
+    return ViewCapture(
+        view, lit.astype(np.float32), np.where(depth < UNREAL_SKY, planar, _FAR_M), codes, has_mask
+    )
 
 
 def findings(
@@ -193,10 +213,11 @@ def findings(
     nearest = min(float(capture.depth.min()) for capture in faces)
     beside = capture_views(camera, FACES.values(), min(_BESIDE_M, _BESIDE_SHARE * nearest) * _BESIDE)
     (again,) = capture_views(camera, [FACES["front"]], here)
-    names = {red << 16 | green << 8 | blue: name for name, (red, green, blue) in colors.items()}
+    names = {}
+    for name, (red, green, blue) in colors.items():
+        names[red << 16 | green << 8 | blue] = name
     yield _again(faces[0], again)
-    first, second = ([Picture(each.lit @ GREY, each.view.pose) for each in of] for of in (faces, turned))
-    yield from light_findings(product(first, second), camera.fov_deg)
+    yield from light_findings(product(map(_grey, faces), map(_grey, turned)), camera.fov_deg)
     by_turning = Overlap.of_pairs(faces, turned)
     by_moving = Overlap.of_pairs(faces, beside)
     yield from _agree("turned", by_turning, np.abs(by_turning.behind))
@@ -212,6 +233,11 @@ def findings(
     yield _spheres([*faces, *turned], names)
     if boxes and faces[0].has_mask:
         yield _boxes([*faces, *turned], names, boxes)
+
+
+def _grey(capture: ViewCapture) -> Picture:
+    """Return the brightness (H, W) of a capture."""
+    return Picture(capture.lit @ GREY, capture.view.pose)
 
 
 def _again(first: ViewCapture, again: ViewCapture) -> Finding:
@@ -241,11 +267,11 @@ def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
     """Find objects whose colours change with the centre: they mirror, or something is seen through them."""
     objects = overlap.objects
     lit = overlap.lit
-    changing = [
-        names.get(code, "?")
-        for code in np.unique(objects)
-        if (objects == code).sum() >= _LEAST_PX and (lit[objects == code] > _LEVELS).mean() > _OF_COLORS
-    ]
+    changing = []
+    for code in np.unique(objects):
+        levels = lit[objects == code]
+        if len(levels) >= _LEAST_PX and (levels > _LEVELS).mean() > _OF_COLORS:
+            changing.append(names.get(code, "?"))
     remedy = "use strategy exact, which takes every colour from its own centre"
     value = ", ".join(changing) or "nothing"
     return Finding.unless(not changing, "colours that depend on the view", value, "bad", remedy)
@@ -254,19 +280,20 @@ def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
 def _aligned(captures: Sequence[ViewCapture]) -> Finding:
     """Measure how far the edges of colours lie beside those of masks, px."""
     name = "colours over masks"
-    offsets = list[str]()
-    reach = range(-_MOST_PX, _MOST_PX + 1)
     if not all(capture.has_mask for capture in captures):
         return Finding(name, "masks are pictures of another camera")
+    offsets: list[str] = []
+    inner = (slice(_MOST_PX, -_MOST_PX),) * 2
     for axis, direction in ((1, "right"), (0, "down")):
-        scores = np.zeros(len(reach))
+        scores = np.zeros(2 * _MOST_PX + 1)
         for capture in captures:
-            inner = (slice(_MOST_PX, -_MOST_PX),) * 2
             edges = np.diff(capture.mask, axis=axis)[inner] != 0
             steps = np.abs(np.diff(capture.lit, axis=axis)).sum(axis=-1)
-            scores += [np.roll(steps, -px, axis)[inner][edges].sum() for px in reach]
-        px = reach[int(scores.argmax())]
-        offsets += [f"{px} px {direction}"] * (px != 0)
+            for index in range(len(scores)):
+                scores[index] += np.roll(steps, _MOST_PX - index, axis)[inner][edges].sum()
+        px = int(scores.argmax()) - _MOST_PX
+        if px != 0:
+            offsets.append(f"{px} px {direction}")
     value = ", ".join(offsets) or "aligned"
     return Finding.unless(not offsets, name, value, "bad", "capture all modes at one size, with one camera")
 
@@ -276,10 +303,11 @@ def _spheres(captures: Sequence[ViewCapture], names: Mapping[int, str]) -> Findi
     domes = []
     distance = np.stack([capture.depth * capture.view.ray_lengths() for capture in captures])
     mask = np.stack([capture.mask for capture in captures])
-    for code in np.unique(mask[distance < _FAR_M]) if captures[0].has_mask else ():
-        of_object = distance[mask == code]
-        if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
-            domes.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
+    codes = np.unique(mask[distance < _FAR_M]).tolist() if captures[0].has_mask else []
+    for code in codes:
+        distances = distance[mask == code]
+        if len(distances) >= _SPHERE_PX and np.ptp(distances) < _SPHERE * distances.mean():
+            domes.append(f"{names.get(code, '?')} at {distances.mean():.4g} m")
     remedy = "hide it (--set hide=NAME), or depth there is no distance"
     return Finding.unless(not domes, "domes", ", ".join(domes) or "none", "bad", remedy)
 
@@ -293,17 +321,19 @@ def _boxes(
     center = captures[0].view.pose.position
     reach = np.linalg.norm(points - center, axis=1)
     wrong = []
-    for code, name in ((code, name) for code, name in names.items() if name in boxes):
+    for code, name in names.items():
+        if name not in boxes:
+            continue
         box = boxes[name]
-        of_object = mask == code
-        if of_object.sum() >= _LEAST_PX:
-            beyond = np.abs((points[of_object] - box.center_w) @ box.R_w_b) - box.size / 2
-            slack = _OUTSIDE_M + _OUTSIDE * reach[of_object]
-            if (reach[of_object] >= _FAR_M).all():
+        is_object = mask == code
+        if is_object.sum() >= _LEAST_PX:
+            beyond = np.abs((points[is_object] - box.center_w) @ box.R_w_b) - box.size / 2
+            slack = _OUTSIDE_M + _OUTSIDE * reach[is_object]
+            if (reach[is_object] >= _FAR_M).all():
                 wrong.append(f"{name} has no depth")
             elif (beyond.max(axis=1) > slack).mean() > _OF_OBJECT:
                 wrong.append(f"{name} is elsewhere")
-        elif not of_object.any() and entered(center, points, box, _CROSSED_PX):
+        elif not is_object.any() and entered(center, points, box, _CROSSED_PX):
             wrong.append(f"{name} is not shown")
     value = ", ".join(wrong) or f"{len(boxes)} in their boxes"
     remedy = "give it a mask colour and an opaque material; check units, poses and the field of view"

@@ -37,31 +37,44 @@ def examine_blender(
         raise ArgumentError("patience: expected none for Blender, which is started again at once")
     with open_process(address, timeout_s) as source:
         scene = source.blender.scene
-        corners = [box.corners_w() for box in source.geometry().boxes.values()] or [np.zeros((1, 3))]
-        middle = np.concatenate(corners).mean(axis=0) if scene.camera is None else np.array(scene.camera)
-        center = middle if position is None else position
+        center = _center(source) if position is None else position
         lamps = len(scene.lights.keys() - {"World"})
         lights = f"{'a' if scene.world else 'no'} world, {lamps} lamps"
-        lit = scene.world or lamps
+        is_lit = scene.world or lamps > 0
         objects = len(scene.objects)
-        missing = f"{len(scene.missing)} missing" + "".join(f", {path}" for path in scene.missing[:1])
+        missing = f"{len(scene.missing)} missing"
+        if scene.missing:
+            missing += f", {scene.missing[0]}"
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),
             Finding.unless(not scene.missing, "linked files", missing, "bad", _PACK),
-            Finding.unless(bool(lit), "light", lights, "warning", "add a world or lamps, or all is black"),
-            Finding.unless(bool(objects), "objects", str(objects), "warning", "nothing is rendered"),
+            Finding.unless(is_lit, "light", lights, "warning", "add a world or lamps, or all is black"),
+            Finding.unless(objects > 0, "objects", str(objects), "warning", "nothing is rendered"),
             *_colors(source, center),
         ]
 
 
+def _center(source: BlenderSource) -> Array:
+    """Return (3,) where the scene's own camera is, or else the middle of the corners of all boxes."""
+    camera = source.blender.scene.camera
+    if camera is not None:
+        return np.array(camera)
+    corners = [box.corners_w() for box in source.geometry().boxes.values()]
+    if not corners:
+        return np.zeros(3)
+    return np.asarray(np.concatenate(corners).mean(axis=0))
+
+
 def _colors(source: BlenderSource, center: Array) -> list[Finding]:
     """Measure whether colours show anything, whether they repeat, and how long a picture takes."""
-    views = [View(Pose(center, R_w_c), _FOV_DEG, _EDGE_PX, _EDGE_PX) for _, R_w_c in cube_rotations()]
-    requests = [Request(view, "lit") for view in views]
+    requests = []
+    for _, R_w_c in cube_rotations():
+        view = View(Pose(center, R_w_c), _FOV_DEG, _EDGE_PX, _EDGE_PX)
+        requests.append(Request(view, "lit"))
     list(source.capture(requests[:1]))  # the first picture takes longer
     started = time.perf_counter()
     first = [capture.pixels for capture in source.capture(requests)]
-    seconds = (time.perf_counter() - started) / len(views)
+    seconds = (time.perf_counter() - started) / len(requests)
     again = next(iter(source.capture(requests[:1]))).pixels
     mean = float(np.mean(first)) / (255 if first[0].dtype == np.uint8 else 1)
     same = np.array_equal(first[0], again)

@@ -1,7 +1,7 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
@@ -45,10 +45,10 @@ _FORWARD_M = 0.25
 _UNITS = {100.0: "cm", 1.0: "m"}  # by how much depth decreases when the camera moves a metre forward
 _PRINTED = 1e-3  # servers print three decimals
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
-# frames that are given; share of the pixels; a turn
-_WARM = 24
-_MOST = 0.99
-_BACK_DEG = 150
+# How long colours change after a turn:
+_WARM = 24  # frames that are watched
+_MOST = 0.99  # share of the pixels that must have settled
+_BACK_DEG = 150  # the turn
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
 _UNKNOWN = "do not record: this server is of no known kind"
 
@@ -74,7 +74,8 @@ def examine_address(
         position: (3,) where to measure, world frame, metres; None: the player's position.
         quick: leave out the unit of depth, what captures say of each other, and what moves.
         picture: PNG to write, of a recording's worst edge.
-        layout, said: of a folder of frames, as of an import.
+        layout: of a folder of frames, as of an import.
+        said: further options of the import of such a folder.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
@@ -83,29 +84,40 @@ def examine_address(
     """
     is_file = scheme_of(address) in (None, *storage.SCHEMES)
     path = Path(address)
-    is_captures = not (is_file and path.is_dir()) or (path / INDEX).exists()
-    if (layout != "auto" or said) and is_captures:
+    is_frames = is_file and path.is_dir() and not (path / INDEX).exists()
+    if (layout != "auto" or said) and not is_frames:
         raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(address)}")
-    if picture is not None and not (is_file and is_captures):
+    if picture is not None and (is_frames or not is_file):
         raise ArgumentError(f"picture: expected a recording or a folder of captures, got {shown(address)}")
-    if not is_captures:
+    if is_frames:
         return examine_folder(path, layout, **(said or {}))
     if is_file:
-        with TemporaryDirectory() as temporary:
-            if path.is_dir():
-                address = f"{temporary}/captures.sqlite"
-                import_folder(path, Path(address))
-            with open_source(address) as source:  # says what to write in place of host:port
-                return examine_recording(source, picture)
+        return _examine_captures(address, picture)
     if scheme_of(address) == "blender":
         return examine_blender(address, position, **deadlines)
     with open_connection(address, **deadlines) as connection:
-        mode = view_mode(connection)
-        with RawCamera(connection, position) as camera:
-            world = MovingWorld(connection, camera)
-            motion = [] if quick else world.findings()
-            with world.still():
-                return [*_findings(connection, camera, mode, quick), *motion]
+        return _examine_server(connection, position, quick)
+
+
+def _examine_captures(address: str, picture: Path | None) -> list[Finding]:
+    """Examine a recording, or a folder of captures."""
+    with TemporaryDirectory() as temporary:
+        if Path(address).is_dir():
+            recording = f"{temporary}/captures.sqlite"
+            import_folder(Path(address), Path(recording))
+            address = recording
+        with open_source(address) as source:  # says what to write in place of host:port
+            return examine_recording(source, picture)
+
+
+def _examine_server(connection: Connection, position: Array | None, quick: bool) -> list[Finding]:
+    """Examine a server, whose world is paused if it moves."""
+    mode = view_mode(connection)
+    with RawCamera(connection, position) as camera:
+        world = MovingWorld(connection, camera)
+        motion = [] if quick else world.findings()
+        with world.still():
+            return [*_findings(connection, camera, mode, quick), *motion]
 
 
 def _findings(connection: Connection, camera: RawCamera, mode: Finding, quick: bool) -> Iterator[Finding]:
@@ -116,23 +128,27 @@ def _findings(connection: Connection, camera: RawCamera, mode: Finding, quick: b
     # Depth says what the field of view is only if it is known which depth it is.
     aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
     version, scene = map(protocol.name, connection.texts([VERSION, SCENE]))
-    name = connection.plugin.dialect
-    plugin = DIALECTS[connection.plugin.dialect]
-    value = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
+    dialect = connection.plugin.dialect
+    plugin = DIALECTS[dialect]
+    value = f"{dialect}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
     yield Finding("dialect", value)
-    yield from (mode, settled)
+    yield mode
+    yield settled
     if not quick:
         yield warm_up(camera)
     yield capabilities(camera)
     yield from right_eye(connection, camera)
-    yield from (normals(camera), sizes(pairs, camera))
-    yield from (field_of_view(mode, pairs, camera, kind) for mode in aligned)
+    yield normals(camera)
+    yield sizes(pairs, camera)
+    for aligned_mode in aligned:
+        yield field_of_view(aligned_mode, pairs, camera, kind)
     yield meaning
     unit = camera.driver.table.depth[1]
     if not quick:
         unit, scale = depth_unit(camera)
         yield scale
-    yield from (half_floats(pairs, unit), masks(connection, camera, pairs))
+    yield half_floats(pairs, unit)
+    yield masks(connection, camera, pairs)
     if not quick:
         table = colors(connection)
         yield from agreement.findings(camera, table, boxes(connection, list(table)))
@@ -147,20 +163,28 @@ def view_mode(connection: Connection) -> Finding:
 
 def settle(camera: RawCamera) -> Finding:
     """Measure how long frames stay stale after a turn, and set the camera's ``lag``."""
-    turns = [camera.settle(*turn) for turn in ((0, 0), (100, 20), (-130, -30), (45, 10))]
-    counts, seconds, depths = zip(*turns, strict=True)
+    counts = []
+    seconds = []
+    depths = []
+    for yaw_deg, pitch_deg in ((0, 0), (100, 20), (-130, -30), (45, 10)):
+        count, duration_s, depth = camera.settle(yaw_deg, pitch_deg)
+        counts.append(count)
+        seconds.append(duration_s)
+        depths.append(depth)
     name = "pose settles"
     if max(counts) >= NEVER:
         return Finding(name, "never: the world moves", "bad", "pause the game, stop animations")
     if (depths[0] < UNREAL_SKY).any() and all(alike(depth, depths[0]) for depth in depths[1:]):
         return Finding(name, "never: the camera does not turn", "bad", "vset /action/game/resume")
-    camera.lag = stale = max(counts[1:])  # the first frames of a camera may be garbage
+    stale = max(counts[1:])  # the first frames of a camera may be garbage
+    camera.lag = stale
     value = f"{1000 * float(np.median(seconds[1:])):.0f} ms"
     if stale == 0:
         return Finding(name, f"at once, first frame after {value}")
-    value = f"stale frames: {stale}, {value}" + ", which recordings skip" * (stale <= SETTLED)
-    remedy = f"at most {SETTLED} are skipped: raise the frame rate"
-    return Finding.unless(stale <= SETTLED, name, value, "bad", remedy)
+    value = f"stale frames: {stale}, {value}"
+    if stale > SETTLED:
+        return Finding(name, value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
+    return Finding(name, f"{value}, which recordings skip")
 
 
 def warm_up(camera: RawCamera) -> Finding:
@@ -170,18 +194,24 @@ def warm_up(camera: RawCamera) -> Finding:
         camera.pixels("lit")
     camera.go(_BACK_DEG)
     frames = [camera.pixels("lit").astype(np.int16) for _ in range(_WARM + 1)]
-    changes = [np.quantile(np.abs(b - a), _MOST) for a, b in pairwise(frames)]
-    count = max((i + 1 for i, change in enumerate(changes) if change >= 1), default=0)
-    value = f"after {count} more frames: temporal effects, or exposure"
-    remedy = f"--set source_options.warmup={count}"
+    count = 0
+    for number, (before, after) in enumerate(pairwise(frames), start=1):
+        if np.quantile(np.abs(after - before), _MOST) >= 1:
+            count = number
+    name = "colours settle"
+    if count == 0:
+        return Finding(name, "at once")
     if count == _WARM:
-        value = f"never, in {_WARM} frames"
-        remedy = "fix the exposure; stop animations"
-    return Finding("colours settle", value, "bad", remedy) if count else Finding("colours settle", "at once")
+        return Finding(name, f"never, in {_WARM} frames", "bad", "fix the exposure; stop animations")
+    value = f"after {count} more frames: temporal effects, or exposure"
+    return Finding(name, value, "bad", f"--set source_options.warmup={count}")
 
 
 def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
-    """Report the manual exposure that recordings set; nothing of a server that cannot set it."""
+    """Report the manual exposure that recordings set, of the ``camera`` of a server's ``connection``.
+
+    Nothing of a server that cannot set it.
+    """
     if not connection.supports(EXPOSURE_METHOD):
         return []
     location_cm, _ = Pose.from_angles(camera.position).to_unreal()
@@ -215,20 +245,24 @@ def capabilities(camera: RawCamera) -> Finding:
         "sets field of view": abs(camera.fov_deg - across(*camera.size)) < _PRINTED,
         "points straight up": abs(camera.driver.read("rotation", 3)[0] - 90) < _PRINTED,
     }
-    value = ", ".join(("" if able else "not: ") + what for what, able in can.items())
+    value = ", ".join(what if can[what] else f"not: {what}" for what in can)
     return Finding("capabilities", value if all(can.values()) else f"{value}; recordings allow for it")
 
 
 def right_eye(connection: Connection, camera: RawCamera) -> list[Finding]:
-    """Report a second camera of plugin 0.3.10; nothing of other servers."""
+    """Report a second camera of plugin 0.3.10, over its ``connection``; nothing of another ``camera``'s."""
     (reply,) = connection.texts(["vget /camera/1/location"])
-    two = camera.driver.table is LEGACY and not reply.startswith("error")
-    return [Finding("cameras", "two: captures use camera 0, the left eye")] * two
+    if camera.driver.table is not LEGACY or reply.startswith("error"):
+        return []
+    return [Finding("cameras", "two: captures use camera 0, the left eye")]
 
 
 def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
-    """Report whether the modes' pictures have one size."""
-    by_mode = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
+    """Report whether the pictures of all modes, ``pairs`` of a ``camera``, have one size."""
+    by_mode = {}
+    for mode in _MODES:
+        height, width = pairs[mode][0][0].pixels.shape[:2]
+        by_mode[mode] = f"{width} x {height}"
     if len(set(by_mode.values())) == 1:
         return Finding("picture size", f"{by_mode['lit']} px in all modes")
     verdict: Any = "warning" if camera.driver.table is LEGACY else "bad"  # its masks are of the window
@@ -236,15 +270,23 @@ def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
 
 
 def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Finding:
-    """Measure a mode's field of view, and whether six of its pictures cover a cube."""
+    """Measure a mode's field of view, and whether six of its pictures cover a cube.
+
+    Args:
+        mode: what is measured.
+        pairs: the pictures, before and after a turn.
+        camera: that made them.
+        kind: of depth, ``planar`` or ``ray``.
+    """
     name = f"field of view, {mode.removeprefix('object_')}"
     mask_fov_deg = camera.driver.mask_fov_deg if mode == "object_mask" else None
     reported = mask_fov_deg or camera.fov_deg
-    of_actor = mode == "object_mask" and camera.driver.table is LEGACY and mask_fov_deg is None
     fov = fitted_fov(pairs[mode], reported, kind if mode == "depth" else "")
     if fov is None:
         return _unmeasured(name, "nothing to align")
-    value = f"{fov:.1f} degrees, {reported:.1f} reported" + ", by a CameraActor" * of_actor
+    value = f"{fov:.1f} degrees, {reported:.1f} reported"
+    if mode == "object_mask" and camera.driver.table is LEGACY and mask_fov_deg is None:
+        value += ", by a CameraActor"
     if abs(fov - reported) > 1:
         return Finding(name, value, "bad", "FOV 90 in unrealcv.ini")
     height, width = pairs[mode][0][0].pixels.shape[:2]
@@ -254,12 +296,18 @@ def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Find
 
 
 def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
-    """Measure whether depth is planar or along the ray, by what a turn leaves unchanged."""
-    planar, ray = (
-        float(np.mean([misfit(*pair, camera.fov_deg, kind) for pair in pairs["depth"]])) + 1e-6  # rounding
-        for kind in ("planar", "ray")
-    )
-    kind, ratio = ("planar", ray / planar) if planar < ray else ("ray", planar / ray)
+    """Measure whether depth is planar or along the ray, by what a turn leaves unchanged.
+
+    ``pairs`` are pictures of a ``camera`` before and after it.
+    """
+    planar = _mean_misfit(pairs, camera, "planar")
+    ray = _mean_misfit(pairs, camera, "ray")
+    if planar < ray:
+        kind = "planar"
+        ratio = ray / planar
+    else:
+        kind = "ray"
+        ratio = planar / ray
     expected, _ = camera.driver.table.depth
     if ratio < 3:
         return expected, _unmeasured("depth is", "ambiguous")
@@ -267,17 +315,28 @@ def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
     return kind, _compared("depth is", value, kind, expected)
 
 
+def _mean_misfit(pairs: Pairs, camera: RawCamera, kind: str) -> float:
+    """Return how badly pictures of depth predict each other if it is of a kind; more than 0, by rounding."""
+    misfits = [misfit(first, second, camera.fov_deg, kind) for first, second in pairs["depth"]]
+    return float(np.mean(misfits)) + 1e-6
+
+
 def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
     """Measure by how much depth straight ahead decreases when the camera moves there."""
     _, expected = camera.driver.table.depth
 
-    def ahead(*pose: float) -> float:
-        camera.go(*pose)
+    def ahead(yaw_deg: float, pitch_deg: float, forward_m: float) -> float:
+        """Return the depth in the middle of a picture, in the server's unit."""
+        camera.go(yaw_deg, pitch_deg, forward_m)
         depth = camera.pixels("depth")
         return float(depth[depth.shape[0] // 2, depth.shape[1] // 2])
 
-    steps = [(ahead(*face), ahead(*face, _FORWARD_M)) for face in FACES.values()]
-    decreases = [(far - near) / _FORWARD_M for far, near in steps if near < far < UNREAL_SKY]
+    decreases = []
+    for yaw_deg, pitch_deg in FACES.values():
+        far = ahead(yaw_deg, pitch_deg, 0.0)
+        near = ahead(yaw_deg, pitch_deg, _FORWARD_M)
+        if near < far < UNREAL_SKY:
+            decreases.append((far - near) / _FORWARD_M)
     if not decreases:
         return expected, _unmeasured("depth unit", "nothing but sky")
     per_m = float(np.median(decreases))
@@ -289,8 +348,8 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
 
 
 def half_floats(pairs: Pairs, unit: str) -> Finding:
-    """Report how coarse depth is."""
-    depth = np.concatenate([picture.pixels.ravel() for pair in pairs["depth"] for picture in pair])
+    """Report how coarse the depth of ``pairs`` of pictures is, in the server's ``unit``: ``cm`` or ``m``."""
+    depth = np.concatenate([picture.pixels.ravel() for picture in chain(*pairs["depth"])])
     depth = depth[depth < UNREAL_SKY]
     if depth.size == 0:
         return _unmeasured("depth steps", "nothing but sky")
@@ -304,36 +363,52 @@ def half_floats(pairs: Pairs, unit: str) -> Finding:
 
 
 def masks(connection: Connection, camera: RawCamera, pairs: Pairs) -> Finding:
-    """Report whether every colour in a mask belongs to one object."""
+    """Report whether every colour in a mask belongs to one object.
+
+    Args:
+        connection: to the server.
+        camera: of it.
+        pairs: its pictures.
+    """
     table = colors(connection)
-    pictures = [picture.pixels for pair in pairs["object_mask"] for picture in pair]
-    visible = {color for pixels in pictures for color in color_counts(pixels)}
+    visible: set[Color] = set()
+    painted = []  # by mask, the share of its pixels that are not black
+    for picture in chain(*pairs["object_mask"]):
+        visible.update(color_counts(picture.pixels))
+        painted.append(picture.pixels.any(axis=-1).mean())
     changes = _changes_dark_colors(connection, camera, table)
     by_color: dict[Color, list[str]] = {(0, 0, 0): ["background"]}
     for name, color in table.items():
         by_color.setdefault(vertex_color_roundtrip(color) if changes else color, []).append(name)
     equal = [" = ".join(names) for names in by_color.values() if len(names) > 1]
     unknown = visible - set(by_color)
-    black = 1 - np.mean([pixels.any(axis=-1).mean() for pixels in pictures])
+    black = 1 - np.mean(painted)
     value = f"{len(table)} objects, {len(visible)} colours visible, {black:.0%} black"
-    value += ", dark ones changed" if changes else ""
+    if changes:
+        value += ", dark ones changed"
     if equal:
         remedy = "vset /object/NAME/color R G B, each 0 or 146 to 255"
         return Finding("mask colours", f"{value}; alike: {'; '.join(equal)}", "bad", remedy)
-    value += f"; {len(unknown)} of no object, such as {min(unknown)}" if unknown else ""
-    remedy = "turn antialiasing off; paint what has no colour"
-    return Finding.unless(not unknown, "mask colours", value, "bad", remedy)
+    if unknown:
+        value += f"; {len(unknown)} of no object, such as {min(unknown)}"
+        return Finding("mask colours", value, "bad", "turn antialiasing off; paint what has no colour")
+    return Finding("mask colours", value)
 
 
 def turned_pairs(camera: RawCamera) -> Pairs:
     """Return pictures in every mode, before and after a turn."""
 
-    def pictures(yaw_deg: float) -> list[Picture]:
+    def pictures(yaw_deg: float) -> dict[str, Picture]:
         pose = camera.go(yaw_deg)
-        return [Picture(camera.pixels(mode), pose) for mode in _MODES]
+        return {mode: Picture(camera.pixels(mode), pose) for mode in _MODES}
 
-    turns = [(pictures(yaw), pictures(yaw + _TURN_DEG)) for yaw in _YAWS_DEG]
-    return {mode: [(before[i], after[i]) for before, after in turns] for i, mode in enumerate(_MODES)}
+    pairs: Pairs = {mode: [] for mode in _MODES}
+    for yaw_deg in _YAWS_DEG:
+        before = pictures(yaw_deg)
+        after = pictures(yaw_deg + _TURN_DEG)
+        for mode in _MODES:
+            pairs[mode].append((before[mode], after[mode]))
+    return pairs
 
 
 def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[str, Color]) -> bool:
@@ -348,8 +423,9 @@ def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[
 
 
 def _compared(name: str, value: str, measured: str, expected: str) -> Finding:
-    value += "" if measured == expected else f"; recordings take it as {expected}"
-    return Finding.unless(measured == expected, name, value, "bad", _UNKNOWN)
+    if measured == expected:
+        return Finding(name, value)
+    return Finding(name, f"{value}; recordings take it as {expected}", "bad", _UNKNOWN)
 
 
 def _unmeasured(name: str, why: str) -> Finding:

@@ -36,7 +36,14 @@ class Written(NamedTuple):
 
     @classmethod
     def of(cls, file: Path, keys: Iterable[str], entries: Iterable[Mapping[str, Any]], words: Words) -> Self:
-        """Return poses of entries, by what :meth:`Rows.of_entries` calls their numbers."""
+        """Return poses that a file has, by the key of a frame.
+
+        Args:
+            file: where they are from.
+            keys: of the frames, in the order of the entries.
+            entries: the numbers of each pose, by the names of :meth:`Rows.of_entries`.
+            words: how the format means them.
+        """
         rows = Rows.of_entries([("", entry) for entry in entries])
         poses = rows.listed(frame=words.axes, inverse=words.inverse).values()
         return cls(file, dict(zip(keys, poses, strict=True)), words)
@@ -44,6 +51,10 @@ class Written(NamedTuple):
 
 def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str, bool]]:
     """Yield a line for each camera of the dataset and of its exports, and whether it is a fault.
+
+    Args:
+        folder: of the dataset, or its URL.
+        format: of the exports; None for all that are known.
 
     Raises:
         ArgumentError: no dataset, no frames with colours and depth, or an unknown format.
@@ -56,9 +67,10 @@ def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str
         raise ArgumentError(f"{folder}: expected frames with lit and depth, which can be compared, got none")
     there = storage.folder(folder)
     written = [name for name in there.names(f"{EXPORTS}/") if Path(name).suffix in _SUFFIXES]
+    formats = [format] if format else list(READERS)
     with local_copy(there, dict.fromkeys(written)) as local:
-        for name, mine in cameras.items():
-            yield from _lines_of(name, mine, local, [format] if format else list(READERS))
+        for name, frames_of_camera in cameras.items():
+            yield from _lines_of(name, frames_of_camera, local, formats)
 
 
 def _lines_of(
@@ -80,7 +92,13 @@ def _lines_of(
 
 def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
     """Return what the pictures of frames say of poses that a file has of them; None without a pair."""
-    posed = [(frame, pose) for frame in frames if (pose := written.poses.get(frame.key))]
+    posed: list[Frame] = []
+    poses: list[Pose] = []
+    for frame in frames:
+        pose = written.poses.get(frame.key)
+        if pose:
+            posed.append(frame)
+            poses.append(pose)
     camera = frames[0].camera
     panorama = camera.name == "equirectangular"
     if len(posed) < 2 or not (panorama or camera.central):
@@ -88,13 +106,16 @@ def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
     wide = Wide(camera)
 
     def read(i: int, width: int) -> Shot:
-        lit, depth = (posed[i][0].layer(mode) for mode in ("lit", "depth"))
+        """Return the picture of the frame ``i``, of at most so many px ``width``."""
+        lit = posed[i].layer("lit")
+        depth = posed[i].layer("depth")
         if panorama:
             return Shot.of(depth, lit, None, width)
         depth, lens = straight(depth, wide, "depth")
         return Shot.of(depth[..., 0], straight(lit, wide, "lit")[0], lens, width)
 
-    R, t = (np.stack([getattr(pose, key) for _, pose in posed]) for key in ("R_w_c", "position"))
+    R = np.stack([pose.R_w_c for pose in poses])
+    t = np.stack([pose.position for pose in poses])
     pictures = PosedPictures.read(R, t, read, 2.0, PAIRS, WIDTH)
     return None if pictures is None else ask(pictures, written.words)
 
@@ -104,25 +125,32 @@ def _nerfstudio(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
         if file.is_file():
             rows = json.loads(file.read_text("utf-8"))["frames"]
             keys = [Path(row["file_path"]).stem for row in rows]
-            matrix = "transform_matrix"
-            yield Written.of(file, keys, [{matrix: row[matrix]} for row in rows], Words("opengl", along=True))
+            entries = [{"transform_matrix": row["transform_matrix"]} for row in rows]
+            yield Written.of(file, keys, entries, Words("opengl", along=True))
 
 
 def _colmap(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     file = out / "sparse" / "0" / "images.txt"
-    if file.is_file():
-        lines = [line for line in file.read_text("utf-8").splitlines() if not line.startswith("#")]
-        rows = [line.split(" ", 9) for line in lines[::2]]
-        names = ("qw", "qx", "qy", "qz", "x", "y", "z")
-        poses = [dict(zip(names, map(float, row[1:8]), strict=True)) for row in rows]
-        words = Words(inverse=True, quaternions=True, along=True)
-        yield Written.of(file, [Path(row[9]).stem for row in rows], poses, words)
+    if not file.is_file():
+        return
+    lines = [line for line in file.read_text("utf-8").splitlines() if not line.startswith("#")]
+    keys = []
+    entries = []
+    for line in lines[::2]:  # the others have points
+        words = line.split(" ", 9)
+        keys.append(Path(words[9]).stem)
+        entries.append(
+            dict(zip(("qw", "qx", "qy", "qz", "x", "y", "z"), map(float, words[1:8]), strict=True))
+        )
+    yield Written.of(file, keys, entries, Words(inverse=True, quaternions=True, along=True))
 
 
 def _trajectories(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     file = out / f"{frames[0].camera_name}.keys"
     keys = file.read_text("utf-8").splitlines() if file.is_file() else []
-    for suffix in ("tum", "euroc", "kitti") if keys else ():
+    if not keys:
+        return
+    for suffix in ("tum", "euroc", "kitti"):
         path = read_trajectory(file.with_suffix(f".{suffix}"), Pose(np.zeros(3), np.eye(3)))
         poses = dict(zip(keys, path.poses, strict=True))
         yield Written(file.with_suffix(f".{suffix}"), poses, Words(quaternions=suffix != "kitti", along=True))
@@ -130,8 +158,11 @@ def _trajectories(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
 
 def _euroc(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     names = out / "mav0" / "cameras.txt"
-    lines = names.read_text("utf-8").splitlines() if names.is_file() else []
-    sensors = dict(line.split(" ", 1)[::-1] for line in lines)
+    sensors = {}  # by camera
+    if names.is_file():
+        for line in names.read_text("utf-8").splitlines():
+            sensor_name, camera_name = line.split(" ", 1)
+            sensors[camera_name] = sensor_name
     if frames[0].camera_name not in sensors or any(frame.time_ns is None for frame in frames):
         return
     sensor = names.parent / sensors[frames[0].camera_name] / "sensor.yaml"
@@ -139,11 +170,11 @@ def _euroc(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     state = out / "mav0" / "state_groundtruth_estimate0" / "data.csv"
     path = read_trajectory(state, frame=Pose(T_BS[:3, 3], T_BS[:3, :3]))
     times = np.array(path.times_ns)
-    poses = dict[str, Pose | None]()
+    poses: dict[str, Pose | None] = {}
     for frame in frames:
-        off = np.abs(times - (frame.time_ns or 0))
-        if off.min() < _NEAR_NS:
-            poses[frame.key] = path.poses[int(off.argmin())]
+        away_ns = np.abs(times - (frame.time_ns or 0))
+        if away_ns.min() < _NEAR_NS:
+            poses[frame.key] = path.poses[int(away_ns.argmin())]
     yield Written(state, poses, Words(along=True))
 
 

@@ -74,7 +74,7 @@ def _packages() -> Iterator[Finding]:
     except metadata.PackageNotFoundError:
         yield Finding("omniscv", "not installed", "bad", "pip install . in its folder, or ./scripts/demo")
         return
-    lacking = {extra: list[str]() for extra in _EXTRAS}
+    lacking: dict[str, list[str]] = {extra: [] for extra in _EXTRAS}
     for needed in requirements:
         extra = _extra_of(needed)
         try:
@@ -83,11 +83,11 @@ def _packages() -> Iterator[Finding]:
         except metadata.PackageNotFoundError:
             version = "missing"
             sound = False
-        if extra in lacking:
-            lacking[extra] += [] if sound else [needed.name]
-        elif extra is None:
+        if extra is None:
             value = version if sound else f"{version}, needs {needed.specifier}"
             yield Finding.unless(sound, needed.name, value, "bad", _AGAIN)
+        elif extra in lacking and not sound:
+            lacking[extra].append(needed.name)
     for extra, names in lacking.items():
         lacks = f"optional, lacks {', '.join(names)}: pip install 'omniscv[{extra}]'"
         yield Finding(f"extra {extra}", lacks if names else "installed")
@@ -97,8 +97,12 @@ def _extra_of(needed: Any) -> str | None:
     """Return the extra that a requirement is of; None for one that all installations have."""
     if needed.marker is None:
         return None
-    extras = ("", *metadata.metadata("omniscv").get_all("Provides-Extra", []))
-    return next((extra for extra in extras if needed.marker.evaluate({"extra": extra})), "elsewhere") or None
+    if needed.marker.evaluate({"extra": ""}):
+        return None
+    for extra in metadata.metadata("omniscv").get_all("Provides-Extra", []):
+        if needed.marker.evaluate({"extra": extra}):
+            return str(extra)
+    return "elsewhere"
 
 
 def _library(module: str) -> Finding:
@@ -142,8 +146,11 @@ def _kernels() -> str:
         for name in ("fisheye-equidistant", "noncentral-panorama"):
             render(cameras.model(name).example(32), pose, source, modes, face_size=16)
     seconds = time.monotonic() - started
-    libraries = [load_library(package) for package in ("omniscv", "mock_server")]
-    paths = [str(library.path) for library in libraries if library is not None]
+    paths = []
+    for package in ("omniscv", "mock_server"):
+        library = load_library(package)
+        if library is not None:
+            paths.append(str(library.path))
     return f"{' and '.join(paths) or 'compiled by numba'}; two images in {seconds:.1f} s"
 
 
@@ -151,6 +158,7 @@ def _ports(port: int) -> Iterator[Finding]:
     """Report whether any port can be listened on, and whether the default port of the mock server is free."""
 
     def listen(number: int, result: str) -> str:
+        """Return ``result`` if the port ``number`` can be listened on; OSError if not."""
         with socket.socket() as listener:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(("127.0.0.1", number))

@@ -52,8 +52,9 @@ PARAMETERS = (
 SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET = range(len(PARAMETERS))
 _OF_PANORAMA = (SCALE, TIME, OFFSET)
 _POSE = slice(len(PARAMETERS), len(PARAMETERS) + 6)  # behind parameters: a turn and a move of second cameras
-_STEPS = np.array([*(p.step for p in PARAMETERS), *[1e-3] * 6])
-_MATTERS, _LIKELY = (np.array([getattr(p, key) for p in PARAMETERS]) for key in ("matters", "most"))
+_STEPS = np.array([*(parameter.step for parameter in PARAMETERS), *[1e-3] * 6])
+_MATTERS = np.array([parameter.matters for parameter in PARAMETERS])
+_LIKELY = np.array([parameter.most for parameter in PARAMETERS])
 
 _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
@@ -67,7 +68,7 @@ _TOGETHER = 20  # pairs in a row, whose errors of poses are related
 _MOST_FAULTS = 5
 _ROUNDS = 8
 _LEAST_POINTS = 200
-# shares of sizes that the fit's model is off by
+# Shares of sizes, and of what matters, that the fit's model is off by:
 _INEXACT = 0.02
 _OF_MATTERS = 0.05
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
@@ -105,7 +106,10 @@ class System(NamedTuple):
     drift: float
 
     def solve(self, chosen: list[int]) -> tuple[Array, Array, float]:
-        """Return the step of parameters, their standard deviations, robust over time, and the gain."""
+        """Return the step of the ``chosen`` parameters, their standard deviations, and the gain.
+
+        Standard deviations are robust: residuals may be alike over some time.
+        """
         J = self.J[..., chosen]
         inverse = np.linalg.pinv(np.einsum("pni,pnj->ij", J, J), rcond=1e-12)
         total = np.einsum("pni,pn->i", J, self.r)
@@ -138,41 +142,54 @@ class Fit:
         height, width = pictures.depth.shape[1:]
         random = np.random.default_rng(1)
         shape = (len(self.pairs), _POINTS)
-        rows, columns = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
-        self.u, self.v = columns + 0.5, rows + 0.5
-        known = pictures.depth > 0
-        inverse = np.where(known, 1 / np.where(known, pictures.depth, 1), 0).astype(np.float32)
-        smooth = np.stack([_smooth(*both) for both in zip(inverse, known, strict=True)])
-        self.inverse = np.where(smooth, inverse, np.float32(np.nan)).reshape(-1, width)
-        near, share = (
-            np.stack([cv2.GaussianBlur(np.float32(each), (0, 0), _SOFT) for each in of])
-            for of in (inverse * smooth, smooth)
-        )
-        self.soft = np.where(smooth, near / np.maximum(share, 1e-6), np.float32(np.nan)).reshape(-1, width)
+        rows = random.integers(2, height - 2, shape)
+        columns = random.integers(2, width - 2, shape)
+        self.u = columns + 0.5
+        self.v = rows + 0.5
+        smooth = self._read_surfaces()
         self.stored = (pictures.depth * smooth)[self.a, rows, columns].astype(np.float64)
-        self.median = float(np.median(pictures.depth[known]))
+        self.median = float(np.median(pictures.depth[pictures.depth > 0]))
         self.R, self.t = moves(R[frames], t[frames], self.pairs)
         self.into_b = R[frames][self.pairs[:, 1]].swapaxes(1, 2)
-        at = np.arange(len(R))
-        before = np.maximum(at - 1, 0)
-        after = np.minimum(at + 1, at[-1])
-        spans = (after - before)[:, None]
-        turns = Rotation.from_matrix(R[before].swapaxes(1, 2) @ R[after]).as_rotvec() / spans
-        steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
-        self.turns = turns[frames]
-        self.steps = steps[frames]
-        is_video = np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN
+        is_video = self._read_motion(R, t)
         possible = _OF_PANORAMA if pictures.panorama else range(len(PARAMETERS))
         self.possible = np.array([i for i in possible if is_video or i not in (TIME, ROLLING)])
         first, second = frames[self.pairs].T
         both = np.minimum.outer  # errors that add up are alike until the earlier frame
         self.alike = both(second, second) - both(second, first) - both(first, second) + both(first, first)
 
+    def _read_surfaces(self) -> NDArray[np.bool_]:
+        """Set inverse depth, as it is and blurred, and return (M, H, W) where it may be interpolated."""
+        depth = self.pictures.depth
+        known = depth > 0
+        inverse = np.where(known, 1 / np.where(known, depth, 1), 0).astype(np.float32)
+        smooth = np.zeros(depth.shape, np.bool_)
+        for index in range(len(depth)):
+            smooth[index] = _smooth(inverse[index], known[index])
+        width = depth.shape[2]
+        self.inverse = np.where(smooth, inverse, np.float32(np.nan)).reshape(-1, width)
+        blurred = _blurred(inverse * smooth) / np.maximum(_blurred(smooth), 1e-6)
+        self.soft = np.where(smooth, blurred, np.float32(np.nan)).reshape(-1, width)
+        return smooth
+
+    def _read_motion(self, R: Array, t: Array) -> bool:
+        """Set how frames turn and move from one to the next; return whether they are of a video."""
+        frames = np.arange(len(R))
+        before = np.maximum(frames - 1, 0)
+        after = np.minimum(frames + 1, frames[-1])
+        spans = (after - before)[:, None]
+        turns = Rotation.from_matrix(R[before].swapaxes(1, 2) @ R[after]).as_rotvec() / spans
+        steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
+        self.turns = turns[self.pictures.frames]
+        self.steps = steps[self.pictures.frames]
+        return bool(np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN)
+
     def residuals(self, theta: Array, soft: bool = True) -> Array:
         """Return (P, n) log of observed over expected depth; NaN where none is compared.
 
-        ``theta`` has parameters and ``_POSE``, in world axes and shares of the median depth; ``soft`` is for
-        derivatives, which noise of depth would swamp.
+        Args:
+            theta: parameters, and ``_POSE``, in world axes and shares of the median depth.
+            soft: compare with blurred depth, for derivatives, which noise of depth would swamp.
         """
         a = self.a
         b = self.b
@@ -196,7 +213,7 @@ class Fit:
             tau = (theta[TIME] + theta[ROLLING] * (v / height - 0.5))[..., None]
         width = self.pictures.depth.shape[2]
         seen = (self.stored > 0) & (u > 1.5) & (v > 1.5) & (u < width - 1.5) & (v < height - 1.5)
-        at = np.where(seen, b * height + v - 0.5, 0), np.where(seen, u - 0.5, 0)
+        at = (np.where(seen, b * height + v - 0.5, 0), np.where(seen, u - 0.5, 0))
         inverse = map_coordinates(self.soft if soft else self.inverse, at, order=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             off = -np.log(inverse * (expected - offset) / scale)
@@ -224,10 +241,12 @@ class Fit:
         if self.pictures.panorama:
             height, width = self.pictures.depth.shape[1:]
             far = np.linalg.norm(p, axis=-1)
-            u, v = (0.5 + np.arctan2(x, z) / (2 * np.pi)) * width, (0.5 + np.arcsin(y / far) / np.pi) * height
+            u = (0.5 + np.arctan2(x, z) / (2 * np.pi)) * width
+            v = (0.5 + np.arcsin(y / far) / np.pi) * height
             return u, v, far
         ahead = np.where(z > 1e-6, z, np.nan)
-        x, y = x / ahead, y / ahead
+        x = x / ahead
+        y = y / ahead
         square = x * x + y * y
         bent = 1 + theta[K1] * square
         fx, fy, cx, cy = self._lens(theta, self.b)
@@ -237,11 +256,11 @@ class Fit:
         """Return the equations of all parameters at ``theta``; None where too few points are compared."""
         off = self.residuals(theta, soft=False)
         steps = np.diag(_STEPS)
-        ends = [
-            (self.residuals(theta + step) - self.residuals(theta - step)) / (2 * step.sum())
-            for step in (*steps[_POSE], *steps[self.possible])
-        ]
-        J = np.stack(ends, axis=-1)
+        derivatives = []
+        for step in (*steps[_POSE], *steps[self.possible]):
+            difference = self.residuals(theta + step) - self.residuals(theta - step)
+            derivatives.append(difference / (2 * step.sum()))
+        J = np.stack(derivatives, axis=-1)
         known = np.isfinite(J).all(axis=-1) & (np.abs(off) < _FAR_OFF)
         if known.sum() < _LEAST_POINTS:
             return None
@@ -251,34 +270,51 @@ class Fit:
         r = (root * Q).swapaxes(1, 2) @ np.nan_to_num(off)[..., None]
         X = np.concatenate([T[..., 6:], r], axis=-1)
         best = np.inf
-        blocks = np.array_split(np.arange(len(Q)), -(-len(Q) // _TOGETHER))
         for share in _POSE_NOISE:
-            Z = X.copy()
-            logs = 0.0
-            for block in blocks:
-                F = share * T[block, :6, :6].reshape(-1, 6)
-                of_pairs = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
-                L = cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True)
-                free = solve_triangular(L, X[block, :6].reshape(len(F), -1), lower=True)
-                Z[block, :6], logs = free.reshape(len(block), 6, -1), logs + np.log(np.diag(L)).sum()
-            H = np.einsum("pmi,pmj->ij", Z, Z)
-            rest = H[-1, -1] - H[-1, :-1] @ np.linalg.pinv(H[:-1, :-1], rcond=1e-12) @ H[:-1, -1]
-            count = Z[..., 0].size
-            noise = max(1.0, rest / (count - len(H) + 1))  # of points that are alike
-            cost = rest / noise + count * np.log(noise) + 2 * logs
-            cost += np.linalg.slogdet(H[:-1, :-1] / noise + np.diag(_LIKELY[self.possible] ** -2.0))[1]
+            Z, logarithm = self._free_of_poses(X, T, share)
+            cost, noise = self._cost(Z, logarithm)
             if cost < best:
                 best = cost
                 drift = share * noise**0.5
-                free_of_poses = Z / noise**0.5
-        return System(free_of_poses[..., :-1], free_of_poses[..., -1], off, float(drift))
+                equations = Z / noise**0.5
+        return System(equations[..., :-1], equations[..., -1], off, float(drift))
+
+    def _free_of_poses(self, X: Array, T: Array, share: float) -> tuple[Array, float]:
+        """Return equations X (P, m, k) whitened by errors of poses, and half the log determinant of those.
+
+        ``T`` (P, m, n) has the derivatives by poses first; ``share`` is the error of a frame, in radians, and
+        in shares of the median depth.
+        """
+        Z = X.copy()
+        logarithm = 0.0
+        for block in np.array_split(np.arange(len(X)), -(-len(X) // _TOGETHER)):
+            F = share * T[block, :6, :6].reshape(-1, 6)
+            alike = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
+            L = cholesky(np.eye(len(F)) + F @ F.T * alike, lower=True)
+            free = solve_triangular(L, X[block, :6].reshape(len(F), -1), lower=True)
+            Z[block, :6] = free.reshape(len(block), 6, -1)
+            logarithm = logarithm + np.log(np.diag(L)).sum()
+        return Z, logarithm
+
+    def _cost(self, Z: Array, logarithm: float) -> tuple[float, float]:
+        """Return the restricted likelihood of equations Z (P, m, k), -2 times its log, and their noise."""
+        H = np.einsum("pmi,pmj->ij", Z, Z)
+        unexplained = H[-1, -1] - H[-1, :-1] @ np.linalg.pinv(H[:-1, :-1], rcond=1e-12) @ H[:-1, -1]
+        count = Z[..., 0].size
+        noise = max(1.0, unexplained / (count - len(H) + 1))  # of points that are alike
+        cost = unexplained / noise + count * np.log(noise) + 2 * logarithm
+        cost += np.linalg.slogdet(H[:-1, :-1] / noise + np.diag(_LIKELY[self.possible] ** -2.0))[1]
+        return cost, noise
 
     def _spread(self, off: Array, known: NDArray[np.bool_]) -> Array:
         """Return (P, n) the noise of log depth, by depth."""
         bounds = np.quantile(self.stored[known], np.linspace(0, 1, 7))
         of_point = np.clip(np.searchsorted(bounds, self.stored) - 1, 0, 5)
-        spreads = [np.abs(off[known & (of_point == i)]) for i in range(6)]
-        noise = np.array([1.4826 * np.median(s) + 2e-5 if s.size else 1.0 for s in spreads])
+        noise = np.ones(6)
+        for index in range(6):
+            residuals = np.abs(off[known & (of_point == index)])
+            if residuals.size:
+                noise[index] = 1.4826 * np.median(residuals) + 2e-5
         return np.asarray(noise[of_point])
 
     def _settled(self, theta: Array, chosen: list[int], system: System) -> tuple[Array, System | None]:
@@ -289,9 +325,10 @@ class Fit:
             step = after.solve(chosen)[0]
             theta = theta.copy()
             theta[at] += step
-            if (again := self.system(theta)) is None:
+            system_there = self.system(theta)
+            if system_there is None:
                 return theta, None
-            after = again
+            after = system_there
             if (np.abs(step) < 0.1 * _MATTERS[at]).all():
                 break
         return theta, after
@@ -300,40 +337,55 @@ class Fit:
         """Return what is off beyond doubt, the greatest gain first."""
         theta = np.zeros(len(_STEPS))
         matters = _MATTERS[self.possible]
-        chosen = list[int]()
-        refused = set[int]()
-        others = list[list[int]]()
+        chosen: list[int] = []
+        refused: set[int] = set()
+        others: list[list[int]] = []  # for each chosen one, what explains the same
         sigmas = np.zeros(0)
-        if (system := self.system(theta)) is None:
+        system = self.system(theta)
+        if system is None:
             return Found([], np.full((1, 1), np.nan), 0.0)
         while len(chosen) < _MOST_FAULTS:
-            gains = list[tuple[float, int]]()
-            for i in {*range(len(matters))} - {*chosen} - refused:
-                step, sigma, gain = system.solve([*chosen, i])
-                if abs(step[-1]) > max(0.5 * matters[i], _LIKELY_SIGMA * sigma[-1]):
-                    gains.append((gain - system.solve(chosen)[2], i))
+            gains = self._gains(system, chosen, refused)
             if not gains:
                 break
-            *less, (most, i) = sorted(gains)
-            trial = [*chosen, i]
+            most, best = gains[-1]
+            trial = [*chosen, best]
             fitted, after = self._settled(theta, trial, system)
             doubt = after.solve(trial)[1] if after else np.full(1, np.inf)
             least = np.maximum(_SIGMA * doubt, matters[trial])
             if after and (np.abs(fitted[self.possible[trial]]) > least).all():
-                others.append([i for gain, i in less if gain > _AS_WELL * most])
+                others.append([i for gain, i in gains[:-1] if gain > _AS_WELL * most])
                 theta = fitted
                 system = after
                 chosen = trial
                 sigmas = doubt
             else:
-                refused.add(i)
+                refused.add(best)
         noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
-        found = theta[self.possible]
-        model = np.hypot((_INEXACT + _PER_NOISE * noise) * found[chosen], _OF_MATTERS * matters[chosen])
-        of = [PARAMETERS[i] for i in self.possible]
-        rows = zip(chosen, np.hypot(sigmas, model).tolist(), others, strict=True)
-        faults = [Fault(of[i], float(found[i]), s, tuple(of[j] for j in also)) for i, s, also in rows]
+        sizes = theta[self.possible][chosen]
+        model = np.hypot((_INEXACT + _PER_NOISE * noise) * sizes, _OF_MATTERS * matters[chosen])
+        parameters = [PARAMETERS[i] for i in self.possible]
+        faults = []
+        for i, size, sigma, also in zip(chosen, sizes, np.hypot(sigmas, model), others, strict=True):
+            alternatives = tuple(parameters[j] for j in also)
+            faults.append(Fault(parameters[i], float(size), float(sigma), alternatives))
         return Found(faults, system.left, system.drift)
+
+    def _gains(self, system: System, chosen: list[int], refused: set[int]) -> list[tuple[float, int]]:
+        """Return the gain of each further parameter that may be off, the least first."""
+        gains = []
+        for i, matters in enumerate(_MATTERS[self.possible]):
+            if i in chosen or i in refused:
+                continue
+            step, sigma, gain = system.solve([*chosen, i])
+            if abs(step[-1]) > max(0.5 * matters, _LIKELY_SIGMA * sigma[-1]):
+                gains.append((gain - system.solve(chosen)[2], i))
+        return sorted(gains)
+
+
+def _blurred(pictures: NDArray[Any]) -> NDArray[np.float32]:
+    """Return (M, H, W) pictures, each blurred."""
+    return np.stack([cv2.GaussianBlur(np.float32(picture), (0, 0), _SOFT) for picture in pictures])
 
 
 def _smooth(inverse: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.bool_]:

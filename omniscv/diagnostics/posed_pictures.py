@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,40 +26,57 @@ OF_COLORS = (
     Parameter("colours, y", 0.5, 1.0, 6.0, "px"),
 )
 """How colours may lie beside depth."""
-_POINTS = 900
-_TOLERANCE = 0.03
-_GAIN = 0.05  # of what correlation lacks, by which others fit better
-# shares of sizes that the search is off by
+# How agreement of colours is measured:
+_POINTS = 900  # of a pair
+_TOLERANCE = 0.03  # relative depth
+# What decides that other colours fit better:
+_GAIN = 0.05  # of what correlation lacks
+_CLEAR = 3.0  # standard errors
+_CLEARER = 0.05  # of correlation
+# Shares of sizes, and of what matters, that the search is off by:
 _INEXACT = 0.1
 _OF_MATTERS = 0.25
-# standard errors, and correlation, by which other colours fit better
-_CLEAR = 3.0
-_CLEARER = 0.05
-# of a search for colours
-_REACHES = (1.0, 0.4)
-_TRIALS = 15
-_ROUNDS = 4
-_SIGMA = 5.0
-_BLOCKS = 8
-_PILED = 2e-3
-_BEHIND = 0.05
-_OF_SIGMA = 6.0
-_LEAST_OFF = 0.03
+# Of a search for colours:
+_REACHES = (1.0, 0.4)  # shares of the most that is likely
+_TRIALS = 15  # of each parameter within them
+_ROUNDS = 4  # of Newton's method from there
+_BLOCKS = 8  # of pairs, for the standard error
+_SIGMA = 5.0  # standard errors that prove a size
+# Surfaces that are gone:
+_BEHIND = 0.05  # share of the points, which may
+_OF_SIGMA = 6.0  # of the noise of log depth
+_LEAST_OFF = 0.03  # log depth
+# Values of depth:
+_PILED = 2e-3  # share of the pixels at one end that is doubted
 _LIMITS = (*(2**bits - 1 for bits in (8, 10, 12, 13, 14, 15, 16, 24, 31, 32)), 65504, 1e10)
 """The largest numbers of types, sensors and programs."""
 _SAME = 1e-6  # relative difference of equal depths
-# distinct values of all; a step, as a share of depth
-_STEPS = 0.2
-_COARSE = 0.01
-_SAMPLE = 200_000
+_STEPS = 0.2  # share of all values that are distinct, below which depth has steps
+_COARSE = 0.01  # a step, as a share of depth
+_SAMPLE = 200_000  # values
 _OVERLAP = "frames that see the same surfaces"
 _CHECK = "check the file of poses, and the lens, that belong to these pictures"
 _MOVES = "things move, or poses are wrong in places: frames of a still world"
+_SHIFTS = {
+    0: "",
+    -1: "of 1 frames earlier",
+    1: "of 1 frames later",
+    -2: "of 2 frames earlier",
+    2: "of 2 frames later",
+    -3: "of 3 frames earlier",
+    3: "of 3 frames later",
+}
+"""By how many frames colours are shifted for a trial, and its name."""
 _FLIPS = {"": (1, 1), "mirrored": (-1, 1), "upside down": (1, -1), "turned by 180 degrees": (-1, -1)}
 
 
 def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Finding]:
     """Return findings on a folder of frames with poses and depth, which is read as an import reads it.
+
+    Args:
+        path: of the folder.
+        layout: of the frames, as of an import.
+        said: further options of the import.
 
     Raises:
         ArgumentError: no such folder, or no depth in it.
@@ -68,7 +84,8 @@ def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Findin
     if not layout.endswith((".yaml", ".yml")):
         one_of("layout", layout, ("auto", *sequences()))
     sequence = find_sequence(path, layout, Options(**said))
-    if sequence is None or (words := words_of(sequence)) is None:
+    words = None if sequence is None else words_of(sequence)
+    if sequence is None or words is None:
         expected = "expected a recording, captures, or frames with poses and depth"
         raise ArgumentError(f"{path}: {expected}, got others; --layout my.yaml describes a folder")
     pictures = read_pictures(sequence, PAIRS, WIDTH)
@@ -83,7 +100,8 @@ def examine_views(source: Source) -> list[Finding]:
         return []
 
     def read(i: int, width: int) -> Shot | None:
-        pixels = dict[str, Any]()
+        """Return the picture of the view ``i``, of at most so many px ``width``; None without depth."""
+        pixels: dict[str, Any] = {}
         for mode in ("depth", "lit"):
             with suppress(MissingCaptureError):
                 (capture,) = source.capture([Request(views[i], mode, source.state)])
@@ -92,15 +110,17 @@ def examine_views(source: Source) -> list[Finding]:
         lit = pixels.get("lit")
         return None if depth is None else Shot.of(depth, lit, views[i].projection, width)
 
-    poses = [view.pose for view in views]
-    R = np.stack([pose.R_w_c for pose in poses])
-    t = np.stack([pose.position for pose in poses])
+    R = np.stack([view.pose.R_w_c for view in views])
+    t = np.stack([view.pose.position for view in views])
     fov = float(np.radians(min(view.fov_deg for view in views)))
     return examine_pictures(PosedPictures.read(R, t, read, fov, PAIRS, WIDTH), Words())
 
 
 def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Finding]:
-    """Return the convention that pictures support, and what is off within it."""
+    """Return the convention that ``pictures`` support, and what is off within it.
+
+    ``words`` are what is said of the convention; pictures are None if no two frames overlap.
+    """
     if pictures is None:
         return [Finding("convention", "no two frames overlap", "warning", _OVERLAP)]
     verdict = ask(pictures, words)
@@ -120,9 +140,18 @@ def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Findi
 
 
 def find(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Found:
-    """Return the faults of pictures: of depth and poses, or else of colours, which need both."""
+    """Return the faults of pictures: of depth and poses, or else of colours, which need both.
+
+    Args:
+        pictures: with pairs.
+        R: (N, 3, 3) rotations of all frames, camera to world.
+        t: (N, 3) their positions, in the unit of depth.
+        along: whether depth is along the ray.
+    """
     found = Fit(pictures, R, t, along).find()
-    return found if found.faults else found._replace(faults=_colors_beside(pictures, R, t, along))
+    if found.faults:
+        return found
+    return found._replace(faults=_colors_beside(pictures, R, t, along))
 
 
 def _faults(found: Found) -> Iterator[Finding]:
@@ -131,10 +160,12 @@ def _faults(found: Found) -> Iterator[Finding]:
     if not off.size:
         yield Finding("faults", "too few points are seen twice", "warning", "frames that overlap more")
         return
-    for (name, *_, unit, scale), size, sigma, others in found.faults:
-        value = f"off by {scale * size:+.3g} +- {scale * sigma:.1g} {unit}".rstrip()
-        value += f"; or explained by {' or '.join(other.name for other in others)}" if others else ""
-        yield Finding(name, value, "bad", _CHECK)
+    for parameter, size, sigma, others in found.faults:
+        scale = parameter.scale
+        value = f"off by {scale * size:+.3g} +- {scale * sigma:.1g} {parameter.unit}".rstrip()
+        if others:
+            value += f"; or explained by {' or '.join(other.name for other in others)}"
+        yield Finding(parameter.name, value, "bad", _CHECK)
     if not found.faults:
         yield Finding("lens, scale and time", "nothing is off beyond doubt")
     noise = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF])))
@@ -150,27 +181,27 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
     if pictures.grey is None:
         return
     frames = pictures.frames
-    scores = dict[str, Array]()
+    scores: dict[str, Array] = {}
     motion = moves(R[frames], t[frames], pictures.pairs)
-    for by in sorted(range(-3, 4), key=abs):
-        if by == 0 or np.isin(frames + by, frames).mean() > 0.6:
-            at = np.abs(frames[:, None] - (frames + by)).argmin(axis=0)
-            late = f"of {abs(by)} frames {'later' if by > 0 else 'earlier'}" if by else ""
-            others = replace(pictures, grey=pictures.grey[at])
-            for name, flip in _FLIPS.items():
-                score = others.agreements(*motion, (_POINTS, _TOLERANCE, along), (*flip, 0, 0))[:, 1]
-                scores[" and ".join(filter(None, (name, late)))] = score
-    best = max(scores, key=lambda said: float(scores[said].mean()))
-    as_said = scores[""]
-    better = scores[best] - as_said
+    for shift, late in _SHIFTS.items():
+        if shift != 0 and np.isin(frames + shift, frames).mean() <= 0.6:
+            continue
+        shifted = np.abs(frames[:, None] - (frames + shift)).argmin(axis=0)
+        others = replace(pictures, grey=pictures.grey[shifted])
+        for name, flip in _FLIPS.items():
+            score = others.agreements(*motion, (_POINTS, _TOLERANCE, along), (*flip, 0, 0))[:, 1]
+            scores[" and ".join(filter(None, (name, late)))] = score
+    best = max(scores, key=lambda name: float(scores[name].mean()))
+    unchanged = scores[""]
+    better = scores[best] - unchanged
     signs = np.sign(better).sum() / np.sqrt(len(better))  # standard deviations, if either were as likely
-    said = f"correlation {as_said.mean():.2f}"
+    correlation = f"correlation {unchanged.mean():.2f}"
     if best and better.mean() > _CLEARER and signs > _CLEAR:
         value = f"{best}: {scores[best].mean():.2f}"
         remedy = "give each depth the colours of its own frame"
-        yield Finding("colours over depth", f"{value}; as said {said}", "bad", remedy)
+        yield Finding("colours over depth", f"{value}; as said {correlation}", "bad", remedy)
     else:
-        yield Finding("colours over depth", said)
+        yield Finding("colours over depth", correlation)
 
 
 def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> list[Fault]:
@@ -190,31 +221,38 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
         return np.stack([scores(x + step) - scores(x - step) for step in steps], axis=-1) / 2
 
     before = scores(x)
-    for reach, (i, parameter) in product(_REACHES, enumerate(OF_COLORS)):
-        trials = x + np.eye(3)[i] * np.linspace(-reach, reach, _TRIALS)[:, None] * parameter.most
-        x = max([x, *trials], key=lambda trial: float(scores(trial).mean()))
+    for reach in _REACHES:
+        for axis, parameter in zip(np.eye(3), OF_COLORS, strict=True):
+            trials = x + axis * np.linspace(-reach, reach, _TRIALS)[:, None] * parameter.most
+            x = max([x, *trials], key=lambda trial: float(scores(trial).mean()))
     for _ in range(_ROUNDS):
         slopes = slopes_at(x)
-        bend = np.stack([(slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2 for step in steps])
+        bends = []
+        for step in steps:
+            bends.append((slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2)
         mean = slopes.mean(axis=0)
-        inverse = np.linalg.pinv(bend)
+        inverse = np.linalg.pinv(np.stack(bends))
         x = x - np.diag(steps) * np.clip(inverse @ mean, -3, 3)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)])
         sigma = np.diag(steps) * np.linalg.norm(blocks / len(slopes) @ inverse, axis=0)
     better = scores(x) - before
     if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
         return []
-    model = np.hypot(_INEXACT * x, _OF_MATTERS * np.array([parameter.matters for parameter in OF_COLORS]))
-    found = zip(OF_COLORS, x.tolist(), np.hypot(sigma, model).tolist(), strict=True)
-    return [Fault(p, size, s) for p, size, s in found if abs(size) > max(p.matters, _SIGMA * s)]
+    faults = []
+    for parameter, size, error in zip(OF_COLORS, x, sigma, strict=True):
+        inexact = np.hypot(_INEXACT * size, _OF_MATTERS * parameter.matters)
+        fault = Fault(parameter, float(size), float(np.hypot(error, inexact)))
+        if abs(fault.size) > max(parameter.matters, _SIGMA * fault.sigma):
+            faults.append(fault)
+    return faults
 
 
 def _is_limit(metres: float, per_m: float) -> bool:
     """Return whether depth has at most two digits, or is the largest number of a type in a file."""
     two_digits = float(f"{metres:.1e}")
-    return any(
-        abs(metres / limit - 1) < _SAME for limit in (two_digits, *(number / per_m for number in _LIMITS))
-    )
+    if abs(metres / two_digits - 1) < _SAME:
+        return True
+    return any(abs(metres / (number / per_m) - 1) < _SAME for number in _LIMITS)
 
 
 def _values(pictures: PosedPictures, words: Words) -> Iterator[Finding]:

@@ -47,8 +47,11 @@ class Place(NamedTuple):
 def examine_recording(source: Source, picture: Path | None = None) -> list[Finding]:
     """Return findings about seams, exposure, vignette and slips of a recording's cubes in colour.
 
-    Views with depth from several centres are asked for faults of poses and depth, too. ``picture`` is a PNG
-    that is written: the worst edge, between the two faces that meet there.
+    Views with depth from several centres are examined for faults of poses and depth, too.
+
+    Args:
+        source: of the recording.
+        picture: a PNG to write: the worst edge, between the two faces that meet there.
     """
     transfer = "srgb" if source.capabilities.transfer == "unknown" else source.capabilities.transfer
     others = [*_masks(source), *examine_views(source)]
@@ -62,12 +65,8 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
         f"{len(places)} cubes: steps across edges {np.median(steps):.2f} levels (median), "
         f"{np.quantile(steps, 0.9):.1f} (90 %), {steps.max():.1f} at ({at}) m"
     )
-    if picture is not None:  # the pixels on both sides of the edge, which is the line in the middle
-        cube = Cube.recorded(source, worst.center, source.state)
-        assert cube is not None
-        a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
-        with whole_file(picture) as part:
-            part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
+    if picture is not None:
+        _draw_worst_edge(source, worst, picture)
     verdict: Literal["warning", "bad"] = "warning" if steps.max() <= _BAD_STEP else "bad"
     remedy = f"{_AT_SOURCE}; or render with seams: close"
     seams = Finding.unless(bool(steps.max() <= _STEP), "seams", value, verdict, remedy)
@@ -75,19 +74,38 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
     return [seams, _exposure(places), _vignette(vignette), *_slips(places), *others]
 
 
+def _draw_worst_edge(source: Source, worst: Place, picture: Path) -> None:
+    """Write the pixels on both sides of the worst edge of a centre, which is the line in the middle."""
+    cube = Cube.recorded(source, worst.center, source.state)
+    assert cube is not None
+    a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
+    with whole_file(picture) as part:
+        part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
+
+
 def _cubes(source: Source) -> Iterator[Cube]:
+    """Yield the cubes in colour of a recording."""
     recorded = source.recorded()
-    for center in recorded.centers() if recorded else ():
+    if recorded is None:
+        return
+    for center in recorded.centers():
         if cube := Cube.recorded(source, np.array(center), source.state):
             yield cube
 
 
 def _measured(cube: Cube, transfer: str) -> Place:
-    names, axes = zip(*((name, R_w_c[:, 2]) for name, R_w_c in cube_rotations()), strict=True)
-    ahead = np.stack([view.pose.R_w_c[:, 2] for view in cube.views])
-    looks = [names[i] for i in (ahead @ np.transpose(axes)).argmax(axis=1)]
-    center = cube.views[0].pose.position
-    return Place(center, cube.steps(), estimate_gains(cube, transfer), proven_turns(cube), looks)
+    return Place(
+        center=cube.views[0].pose.position,
+        steps=cube.steps(),
+        gains=estimate_gains(cube, transfer),
+        slips=proven_turns(cube),
+        names=[_direction(view.pose.R_w_c[:, 2]) for view in cube.views],
+    )
+
+
+def _direction(axis_w: Array) -> str:
+    """Return the name of the face, aligned with the world, that looks most along an axis (3,)."""
+    return max(cube_rotations(), key=lambda face: float(axis_w @ face[1][:, 2]))[0]
 
 
 def _masks(source: Source) -> Iterator[Finding]:
@@ -100,9 +118,12 @@ def _masks(source: Source) -> Iterator[Finding]:
     for view in source.recorded_views() or ():
         with suppress(MissingCaptureError):
             (capture,) = source.capture([Request(view, "object_mask", source.state)])
-            labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
-            shown = shown + labels.size
-            known = known + int(np.count_nonzero(labels))
+            if capture.pixels.ndim == 2:
+                labels, _ = labels_of_ids(capture.pixels, table)
+            else:
+                labels, _ = labels_of(capture.pixels, table)
+            shown += labels.size
+            known += int(np.count_nonzero(labels))
     value = f"{known} of {shown} pixels show one of {len(table.names())} objects"
     yield Finding.unless(known > 0, "masks", value, "bad", "import it with --names")
 

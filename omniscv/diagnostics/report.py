@@ -25,7 +25,7 @@ from omniscv.storage.local import whole_file
 _ALWAYS = (protocol.VERSION, protocol.SCENE, "vget /unrealcv/status", "vget /unrealcv/help", "vget /objects")
 _MODES = ("lit", "depth", "object_mask", "normals")
 _FACES = ("front", "left")
-_SUFFIXES = ("txt", "png", "npy", "bmp")
+_SUFFIXES = ("png", "npy", "bmp")
 _MOST_TEXT = 20_000  # characters of a reply
 _LEAST_NAME = 3  # characters of a name that is left out: shorter ones are part of too many words
 _PATHS = re.compile(
@@ -44,18 +44,17 @@ def write_report(
     """Write a ZIP of what a server is: ``report.json`` and ``captures/FACE.MODE.png`` or ``.npy``.
 
     Args:
-        address, position, deadlines: of :func:`omniscv.diagnostics.doctor.examine_address`, for a server.
+        address: of the server, as for :func:`omniscv.diagnostics.doctor.examine_address`.
         findings: of the same.
         path: of the ZIP.
+        position: (3,) where to capture, world frame, metres; None: the player's position.
+        deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
         SourceError: no server reachable there, or one that makes no pictures.
         StorageError: the disk is full.
     """
     with open_connection(address, **deadlines) as connection:
-        host = re.split(r"[:/]+", address_of(connection.endpoint))[1:]
-        machine = (socket.gethostname(), getpass.getuser(), *host)
-        names = [name for name in machine if len(name) >= _LEAST_NAME and not name.isdigit()]
         report = {
             "omniscv": omniscv.__version__,
             "python": platform.python_version(),
@@ -67,11 +66,22 @@ def write_report(
         }
         with RawCamera(connection, position) as camera:
             captures = dict(_captures(connection, camera))
+        names = _private_names(connection)
     with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("report.json", json.dumps(_without(report, names), indent=1))
         for name, payload in captures.items():
             file.writestr(f"captures/{name}", payload)
     return path
+
+
+def _private_names(connection: Connection) -> list[str]:
+    """Return the names of this machine and its user, and the parts of the server's address."""
+    address = re.split(r"[:/]+", address_of(connection.endpoint))[1:]
+    names = []
+    for name in (socket.gethostname(), getpass.getuser(), *address):
+        if len(name) >= _LEAST_NAME and not name.isdigit():
+            names.append(name)
+    return names
 
 
 def _commands(connection: Connection) -> Iterator[str]:
@@ -81,7 +91,8 @@ def _commands(connection: Connection) -> Iterator[str]:
     for template in sorted(connection.plugin.templates - {*_ALWAYS}):
         form = "npy" if "depth" in template else "png"
         command = re.sub(r" \[str\]$", f" {form}", template.replace("[uint]", "0"))
-        command = command.replace("/object/[str]", f"/object/{objects[0]}") if objects else command
+        if objects:
+            command = command.replace("/object/[str]", f"/object/{objects[0]}")
         if command.startswith("vget ") and "[" not in command and "_shared" not in command:
             yield command
 
@@ -103,9 +114,12 @@ def _captures(connection: Connection, camera: RawCamera) -> Iterator[tuple[str, 
         for mode in _MODES:
             command = camera.driver.table.image(camera.driver.camera, mode)
             (reply,) = connection.read([command], lambda _, reply: reply)
-            form = "txt" if isinstance(reply, str) else protocol.described(reply).split(",")[0].lower()
+            if isinstance(reply, str):
+                yield f"{face}.{mode}.txt", reply.encode()
+                continue
+            form = protocol.described(reply).split(",")[0].lower()
             suffix = form if form in _SUFFIXES else "bin"
-            yield f"{face}.{mode}.{suffix}", reply.encode() if isinstance(reply, str) else reply
+            yield f"{face}.{mode}.{suffix}", reply
 
 
 def _without(value: Any, names: Iterable[str]) -> Any:

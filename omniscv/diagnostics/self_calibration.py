@@ -27,7 +27,7 @@ _FLAT = 1e-3  # relative contrast below which a picture has nothing to align
 _OVERLAP = 0.1  # the least share of the picture that both must see
 
 _LEAST_PIXELS = 64
-# grey levels between which rounding and clipping do not matter
+# Grey levels between which rounding and clipping do not matter:
 _DARK = 16
 _BRIGHT = 240
 _SHARE = 0.02  # of the light, below which a difference may come from textures
@@ -47,9 +47,12 @@ class Picture(NamedTuple):
 
 
 def reproject(view: View, into: View, stride: int = 1) -> Array:
-    """Return (H, W, 3): where a view's pixels are in another with the same centre: u, v in px, z depth.
+    """Return (H, W, 3) where a view's pixels are in another with the same centre: u, v in px, z depth.
 
-    Of ``view`` only every ``stride``-th row and column is used.
+    Args:
+        view: whose pixels are projected.
+        into: the other view.
+        stride: only every so many rows and columns of ``view`` are used.
     """
     v, u = np.mgrid[: view.height : stride, : view.width : stride] + 0.5
     rays_c = pinhole.rays(np.stack([u, v], axis=-1), view.projection)
@@ -57,13 +60,13 @@ def reproject(view: View, into: View, stride: int = 1) -> Array:
 
 
 def inside(uvz: Array, view: View) -> NDArray[np.bool_]:
-    """Return (H, W): which coordinates are in the picture, with a neighbour on every side."""
+    """Return (H, W) which coordinates ``uvz`` are in a ``view``'s picture, with a neighbour on every side."""
     u, v, z = np.moveaxis(uvz, -1, 0)
     return np.asarray((z > 0) & (u >= 0.5) & (u <= view.width - 0.5) & (v >= 0.5) & (v <= view.height - 0.5))
 
 
 def sample(pixels: NDArray[Any], uvz: Array) -> Array:
-    """Return a picture's values at coordinates, bilinear."""
+    """Return the values of a picture's ``pixels`` at coordinates ``uvz`` (H, W, 3), px, bilinear."""
     at = (uvz[..., :2] - 0.5).astype(np.float32)
     values = cv2.remap(np.asarray(pixels, np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
     return np.asarray(values, np.float64)
@@ -78,39 +81,53 @@ def misfit(first: Picture, second: Picture, fov_deg: float, kind: str = "", stri
         kind: of depth to suppose, ``planar`` or ``ray``; empty for colours.
         stride: of rows and columns that are compared.
     """
-    views = [picture.view(fov_deg) for picture in (first, second)]
-    uvz = reproject(views[1], views[0], stride)
-    common = inside(uvz, views[0])
+    first_view = first.view(fov_deg)
+    second_view = second.view(fov_deg)
+    uvz = reproject(second_view, first_view, stride)
+    common = inside(uvz, first_view)
     if common.mean() < _OVERLAP:
         return 1.0
-    a, b = (_invariant(picture, view, kind) for picture, view in zip((first, second), views, strict=True))
-    x, y = sample(a, uvz)[common], b[::stride, ::stride][common]
-    if min(x.std() / max(x.mean(), 1e-9), y.std() / max(y.mean(), 1e-9)) < _FLAT:
+    predicted = sample(_invariant(first, first_view, kind), uvz)[common]
+    actual = _invariant(second, second_view, kind)[::stride, ::stride][common]
+    if min(_contrast(predicted), _contrast(actual)) < _FLAT:
         return 1.0
-    return float(1 - np.corrcoef(x, y)[0, 1])
+    return float(1 - np.corrcoef(predicted, actual)[0, 1])
+
+
+def _contrast(values: Array) -> float:
+    return float(values.std() / max(values.mean(), 1e-9))
 
 
 def fitted_fov(pairs: Sequence[tuple[Picture, Picture]], reported: float, kind: str = "") -> float | None:
     """Return the field of view, degrees, that aligns pairs of turned pictures; None where none is aligned.
 
-    Thin bars before the sky, or an even ground, are aligned by many fields of view: the ``reported`` one
-    stands unless another is clearly better. ``kind`` is as for :func:`misfit`.
+    Thin bars before the sky, or an even ground, are aligned by many fields of view: the reported one stands
+    unless another is clearly better.
+
+    Args:
+        pairs: of pictures, before and after a turn.
+        reported: field of view, degrees.
+        kind: as for :func:`misfit`.
     """
     pairs = [pair for pair in pairs if misfit(*pair, reported, kind, _COARSE) < 1]
     if not pairs:
         return None
 
     def total(fov_deg: float, stride: int = 1) -> float:
+        """Return the mean misfit of all pairs for a ``fov_deg``, of every ``stride``-th row and column."""
         return float(np.mean([misfit(*pair, fov_deg, kind, stride) for pair in pairs]))
 
     best = reported
-    if total(best, _COARSE) > min(total(best + step, _COARSE) for step in (-_STEP_DEG, _STEP_DEG)):
+    beside = min(total(reported - _STEP_DEG, _COARSE), total(reported + _STEP_DEG, _COARSE))
+    if total(reported, _COARSE) > beside:
         best = min(_FOVS_DEG, key=lambda fov_deg: total(fov_deg, _COARSE))
-    near = best - _STEP_DEG, best + _STEP_DEG
+    near = (best - _STEP_DEG, best + _STEP_DEG)
     fit = minimize_scalar(total, bounds=near, method="bounded", options={"xatol": 0.01})
     if fit.fun > _UNALIGNED:
         return None
-    return reported if abs(fit.x - reported) > 1 and total(reported) < _CLEARLY * fit.fun else float(fit.x)
+    if abs(fit.x - reported) > 1 and total(reported) < _CLEARLY * fit.fun:
+        return reported
+    return float(fit.x)
 
 
 def _invariant(picture: Picture, view: View, kind: str) -> Array:
@@ -128,20 +145,24 @@ def light_findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> 
 
     Of one surface, ``first / second = gain (1 - V t) / (1 - V t')``, with a gain for each pair (exposure) and
     a share V that corners lose (vignette); t, t' are squared distances from the middles, 1 in the corners.
+    All have the horizontal field of view ``fov_deg``.
     """
-    overlaps = [overlap for pair in pairs if (overlap := _overlap(*pair, fov_deg))]
+    overlaps = []
+    for first, second in pairs:
+        overlap = _overlap(first, second, fov_deg)
+        if overlap is not None:
+            overlaps.append(overlap)
     if not overlaps:
         value = "too dark or too bright to measure"
         remedy = "give --position in a lit room"
         return [Finding(name, value, "warning", remedy) for name in ("exposure", "vignette")]
-    vignette, exposure = (round(share, 4) + 0.0 for share in _fit(overlaps))
+    vignette, exposure = _fit(overlaps)
     drift = f"none for recordings of N2 and later; vrun r.EyeAdaptationQuality 0, or {_FIX}"
     value = f"{exposure:.1%} between pictures of one surface"
-    ok = exposure <= _SHARE
     shade = f"vrun r.Tonemapper.Quality 1, or {_FIX}, or record --overscan 512"
     darker = f"corners {vignette:.1%} darker than the middle"
     return [
-        Finding.unless(ok, "exposure", value, "bad", drift),
+        Finding.unless(exposure <= _SHARE, "exposure", value, "bad", drift),
         Finding.unless(abs(vignette) <= _SHARE, "vignette", darker, "bad", shade),
     ]
 
@@ -157,19 +178,25 @@ def _overlap(first: Picture, second: Picture, fov_deg: float) -> tuple[Array, Ar
     if clear.sum() < _LEAST_PIXELS:
         return None
     half = np.array((view.width, view.height)) / 2
-    across = (np.argwhere(common)[:, ::-1] + 0.5) / half - 1, uvz[common][:, :2] / half - 1  # -1 to 1
-    t, t_other = ((xy[clear] ** 2).mean(axis=1) for xy in across)
+    xy = (np.argwhere(common)[:, ::-1] + 0.5) / half - 1  # -1 to 1
+    xy_other = uvz[common][:, :2] / half - 1
+    t = (xy[clear] ** 2).mean(axis=1)
+    t_other = (xy_other[clear] ** 2).mean(axis=1)
     return np.log(greys[0] / greys[1])[clear], t, t_other
 
 
 def _fit(overlaps: list[tuple[Array, Array, Array]]) -> tuple[float, float]:
-    """Return the vignette and the largest gain less 1."""
+    """Return the vignette and the largest gain less 1, to four decimals."""
 
     def residuals(vignette: float) -> list[Array]:
-        return [ratio - np.log1p(-vignette * t) + np.log1p(-vignette * other) for ratio, t, other in overlaps]
+        rows = []
+        for ratio, t, t_other in overlaps:
+            rows.append(ratio - np.log1p(-vignette * t) + np.log1p(-vignette * t_other))
+        return rows
 
-    def misfit(vignette: float) -> float:  # by medians, because textures finer than pixels differ
+    def spread(vignette: float) -> float:  # by medians, because textures finer than pixels differ
         return float(np.mean([np.median(np.abs(row - np.median(row))) for row in residuals(vignette)]))
 
-    vignette = float(minimize_scalar(misfit, bounds=(-0.3, 0.95), method="bounded").x)
-    return vignette, float(np.expm1(max(abs(np.median(row)) for row in residuals(vignette))))
+    vignette = float(minimize_scalar(spread, bounds=(-0.3, 0.95), method="bounded").x)
+    gain = float(np.expm1(max(abs(np.median(row)) for row in residuals(vignette))))
+    return round(vignette, 4) + 0.0, round(gain, 4) + 0.0  # no negative zero

@@ -32,9 +32,9 @@ EDGE_PX = 128  # frames are square and of this size, where the server can set it
 _LARGEST_PX = 1 << 13
 _FRAMES = 8  # after so many frames at one pose a camera shows it, if it ever does
 NEVER = _FRAMES - 1  # so many stale frames mean that a camera does not rest
-# relative depth, and share of a frame, by which frames of one pose may differ
-_NOISE = 0.01
-_MOVING = 0.05
+# By how much frames of one pose may differ:
+_NOISE = 0.01  # relative depth
+_MOVING = 0.05  # share of a frame
 _TICKS = 6  # for how long to watch objects
 _AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
 _LISTED = 3  # objects that a finding names
@@ -89,29 +89,44 @@ class RawCamera(AbstractContextManager["RawCamera"]):
         self.fov_deg = fov(self._connection.text(command))
 
     def go(self, yaw_deg: float, pitch_deg: float = 0.0, forward_m: float = 0.0) -> Pose:
-        """Turn to world angles, move along the new axis, and wait until frames show it."""
+        """Turn and move, and wait until frames show it.
+
+        Args:
+            yaw_deg: to the left, in the world.
+            pitch_deg: nose up.
+            forward_m: from the camera's position along the new axis.
+        """
         pose = self._aim(yaw_deg, pitch_deg, forward_m)
         for _ in range(self.lag):
             self.pixels("depth")
         return pose
 
     def settle(self, yaw_deg: float, pitch_deg: float) -> tuple[int, float, NDArray[Any]]:
-        """Turn; return the number of stale depth frames, seconds until a fresh one, and the last frame.
+        """Turn to ``yaw_deg`` and ``pitch_deg``, as :meth:`go`, and watch the frames.
 
-        ``NEVER`` or more are stale if the camera does not rest.
+        Returns:
+            The number of stale depth frames, ``NEVER`` or more if the camera does not rest; seconds until a
+            fresh one; and the last frame.
         """
         start = time.monotonic()
         self._aim(yaw_deg, pitch_deg)
-        frames = [(self.pixels("depth"), time.monotonic() - start) for _ in range(_FRAMES)]
-        last = frames[-1][0]
-        stale = max((i + 1 for i, (depth, _) in enumerate(frames) if not alike(depth, last)), default=0)
-        return stale, frames[stale][1], last
+        frames = []
+        seconds = []
+        for _ in range(_FRAMES):
+            frames.append(self.pixels("depth"))
+            seconds.append(time.monotonic() - start)
+        stale = 0
+        for number, depth in enumerate(frames, start=1):
+            if not alike(depth, frames[-1]):
+                stale = number
+        return stale, seconds[stale], frames[-1]
 
     def pixels(self, mode: str) -> NDArray[Any]:
         """Return a frame: (H, W, 3) uint8, or (H, W) float32 depth in the server's meaning and unit."""
         address = self._connection.address
 
         def decoded(command: str, reply: Reply) -> NDArray[Any]:
+            """Return the pixels of the ``reply`` to a ``command``."""
             if isinstance(reply, str):
                 error = ServerRefusedError if reply.startswith("error") else BadReplyError
                 raise error(f"{address}: expected a picture from {command!r}, got {shown(reply)}")
@@ -119,12 +134,14 @@ class RawCamera(AbstractContextManager["RawCamera"]):
             if not 1 <= height <= width <= _LARGEST_PX:
                 expected = f"expected a picture at most {_LARGEST_PX} px wide and no higher"
                 raise BadReplyError(f"{address}: {expected}, got {width} x {height}")
-            if (known := self._sizes.setdefault(mode, (width, height))) != (width, height):
-                expected = "expected {} pictures of {} x {} as before".format(mode, *known)
+            before = self._sizes.setdefault(mode, (width, height))
+            if before != (width, height):
+                expected = f"expected {mode} pictures of {before[0]} x {before[1]} as before"
                 raise BadReplyError(f"{address}: {expected}, got {width} x {height}")
             view = View(Pose(np.zeros(3), np.eye(3)), 90.0, width, height)
-            encoding, shown_as = ("npy", mode) if mode == "depth" else ("png", "lit")  # normals: their codes
-            return decode(reply, encoding, shown_as, view)
+            if mode == "depth":
+                return decode(reply, "npy", "depth", view)
+            return decode(reply, "png", "lit", view)  # of normals: their codes
 
         return self._connection.read([self.driver.table.image(self.driver.camera, mode)], decoded)[0]
 
@@ -144,25 +161,33 @@ class RawCamera(AbstractContextManager["RawCamera"]):
 def color_counts(mask: NDArray[np.uint8]) -> dict[Color, int]:
     """Return the colours in an object mask (H, W, 3), and how many pixels have each."""
     colors, counts = np.unique(mask.reshape(-1, 3), axis=0, return_counts=True)
-    return {(r, g, b): count for (r, g, b), count in zip(colors.tolist(), counts.tolist(), strict=True)}
+    count_of: dict[Color, int] = {}
+    for (red, green, blue), count in zip(colors.tolist(), counts.tolist(), strict=True):
+        count_of[red, green, blue] = count
+    return count_of
 
 
 def largest_object(camera: RawCamera, colors: Mapping[str, Color]) -> str | None:
-    """Return the object with the most pixels straight ahead, by the colours of masks; None for none."""
+    """Return the object with the most pixels straight ahead of a ``camera``; None for none.
+
+    ``colors`` are those of the objects in masks.
+    """
     camera.go(0)
-    names = {color: name for name, color in colors.items()}
-    counts = color_counts(camera.pixels("object_mask"))
-    areas = {names[color]: count for color, count in counts.items() if color in names}
+    names = {colors[name]: name for name in colors}
+    areas = {}
+    for color, count in color_counts(camera.pixels("object_mask")).items():
+        if color in names:
+            areas[names[color]] = count
     return max(areas, key=areas.__getitem__, default=None)
 
 
 def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
-    """Return whether two frames show the same, except for noise and small things that move."""
+    """Return whether two frames, ``depth`` and ``other``, show the same but for noise and small movers."""
     return bool(np.isclose(depth, other, rtol=_NOISE).mean() > 1 - _MOVING)
 
 
 def across(width: int, height: int) -> float:
-    """Return the horizontal field of view that sees 90 degrees up and down, degrees."""
+    """Return the horizontal field of view, degrees, of ``width`` by ``height`` px that see 90 up and down."""
     return pinhole.fov_deg(width, height / 2)
 
 
@@ -204,27 +229,29 @@ class MovingWorld:
         """Move the movable object with the most pixels, and count the frames that do not show it yet."""
         title = "captures follow a move"
         movable = movable_objects(self._connection)
-        table = {name: color for name, color in colors(self._connection).items() if name in movable}
-        name = largest_object(self._camera, table)
+        table = colors(self._connection)
+        name = largest_object(self._camera, {key: table[key] for key in table if key in movable})
         if name is None:
             return Finding(title, "unknown: nothing in sight can be moved", "warning", "give --position")
 
-        def move(*at_cm: float) -> None:
-            self._connection.text(" ".join([f"vset {location}", *(f"{value:.6f}" for value in at_cm)]))
+        def move(x: float, y: float, z: float) -> None:
+            self._connection.text(f"vset {location} {x:.6f} {y:.6f} {z:.6f}")
 
         location = f"/object/{name}/location"
         start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
         before = self._camera.pixels("depth")
         try:
-            move(*start + _AWAY_CM)
+            move(*(start + _AWAY_CM))
             frames = [self._camera.pixels("depth") for _ in range(_FRAMES)]
         finally:
             move(*start)
         changed = ~np.isclose(before, frames[-1], rtol=_NOISE)
         if not changed.any():
             return Finding(title, f"never: {name} stays", "warning", "set its mobility to Movable")
-        late = [np.isclose(frame, frames[-1], rtol=_NOISE)[changed].mean() <= 0.5 for frame in frames]
-        count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
+        count = 0
+        for number, frame in enumerate(frames, start=1):
+            if np.isclose(frame, frames[-1], rtol=_NOISE)[changed].mean() <= 0.5:
+                count = number
         value = f"stale ticks: {count}" if count else "at once"
         remedy = f"at most {SETTLED} are waited for: raise the frame rate"
         return Finding.unless(count <= SETTLED, title, value, "bad", remedy)
@@ -238,7 +265,9 @@ class MovingWorld:
             for _ in range(ticks):
                 self._connection.text(VERSION)
             poses = object_poses(self._connection, names)
-            moving |= {name for name in names if first[name].to_dict() != poses[name].to_dict()}
+            for name in names:
+                if first[name].to_dict() != poses[name].to_dict():
+                    moving.add(name)
         return [name for name in names if name in moving]
 
     @contextmanager
