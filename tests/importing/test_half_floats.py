@@ -24,13 +24,15 @@ PLACE = ["--position", ",".join(map(str, AT))]
 
 
 def save(file, numbers):
-    """Write numbers of depth: NPY of half floats, or or EXR of them."""
+    """Write numbers of depth: NPY of half floats, or EXR or TIFF of them."""
     file.parent.mkdir(parents=True, exist_ok=True)
     if file.suffix == ".npy":
         np.save(file, numbers.astype(np.float16))
         return
     buffer = OpenImageIO.ImageBuf(np.ascontiguousarray(numbers[..., None], np.float32))
-    buffer.specmod().channelnames = ("Z",)
+    if file.suffix == ".exr":
+        buffer.specmod().channelnames = ("Z",)
+    buffer.specmod().attribute("tiff:half", 1)  # else the library writes floats
     assert buffer.write(str(file), "half")
 
 
@@ -53,6 +55,7 @@ def judge(file, camera, pose=POSE, most_marked=0.15):
         (".npy", "planar-m", 1),
         (".exr", "planar-m", 1),
         (".exr", "ray-m", 1),
+        (".tif", "planar-m", 1),
         (".npy", "planar-cm", 100),
         (".npy", "ray-mm", 1000),
     ],

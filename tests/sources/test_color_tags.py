@@ -1,6 +1,7 @@
 """Tags that change colours: converted as other programs read them, or refused with the remedy."""
 
 import json
+import re
 import struct
 import zlib
 
@@ -158,6 +159,44 @@ def test_chromaticities_of_exr(tmp_path):
     np.testing.assert_allclose(picture.pixels, light, atol=3e-3)
     assert np.abs(stored - light).max() > 0.2
     assert picture.lines == ("colours are converted by chromaticities",)
+
+
+def written_by_openimageio(path, pixels, kind, **attributes):
+    """Write colours with attributes of the library's description of a picture."""
+    spec = OpenImageIO.ImageSpec(pixels.shape[1], pixels.shape[0], 3, kind)
+    for name, value in attributes.items():
+        spec.attribute(name.replace("_", ":"), value)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(np.ascontiguousarray(pixels))
+    output.close()
+
+
+@pytest.mark.parametrize("gamma", [None, 1.0, 2.2])
+def test_gammas_of_tga_that_leave_codes_as_they_are(gamma, tmp_path):
+    written_by_openimageio(
+        tmp_path / "a.tga", CODES, "uint8", **({} if gamma is None else {"oiio_Gamma": gamma})
+    )
+    picture = read_picture(tmp_path / "a.tga")
+    np.testing.assert_array_equal(picture.pixels, CODES)
+    assert not picture.lines
+
+
+@pytest.mark.parametrize("gamma", [0.5, 1.8, 2.4])
+def test_other_gammas_of_tga_are_refused(gamma, tmp_path):
+    written_by_openimageio(tmp_path / "a.tga", CODES, "uint8", oiio_Gamma=gamma)
+    says = f"got a gamma of {gamma:g}; convert the picture, or --transfer srgb takes its codes as they are"
+    with pytest.raises(ArgumentError, match=re.escape(says)):
+        read_picture(tmp_path / "a.tga")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.tga", as_codes=True).pixels, CODES)
+
+
+def test_light_of_half_floats_in_tiff(tmp_path):
+    light = 4 * light_of(CODES).astype(np.float32)
+    written_by_openimageio(tmp_path / "a.tif", light, "half", tiff_half=1)
+    assert (tmp_path / "a.tif").stat().st_size < 32 * 16 * 3 * 4, "halves, not floats"
+    picture = read_picture(tmp_path / "a.tif")
+    np.testing.assert_array_equal(picture.pixels, light.astype(np.float16).astype(np.float32))
 
 
 @pytest.mark.parametrize(("header", "gain"), [("EXPOSURE=4", 4), ("EXPOSURE= 2\nEXPOSURE=0.25", 0.5)])
