@@ -150,7 +150,9 @@ def record(
     target_of(path)  # refuses what is no file, before a game is launched
     cube_map = overscan is None and job.file is None
     with display("images", progress) as show:
-        count, new = capture(loaded, path, show, border_px="overscan" if cube_map else overscan)
+        count, new = capture(
+            loaded, path, show, console.error, border_px="overscan" if cube_map else overscan
+        )
     console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
 
 

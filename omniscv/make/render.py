@@ -2,8 +2,8 @@
 
 import logging
 import time
-from collections import ChainMap
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections import ChainMap, Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial, reduce
@@ -41,7 +41,8 @@ from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
-from omniscv.sources.base import Request, Source, View
+from omniscv.sources.base import Capture, Color, Request, Source, SourceWrapper, View
+from omniscv.sources.labels import labels_of
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.requests import exposures_of
@@ -174,9 +175,7 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
         yield f"{stem}: {missed}: {effort.stopped}{_limiting(image.options)}"
     if image.unknown_colors:
-        pixels = sum(image.unknown_colors.values())
-        several = len(image.unknown_colors)
-        yield f"{stem}: {pixels} pixels of masks show {several} colours or ids that no object has: label 0"
+        yield f"{stem}: {_of_no_object(image.unknown_colors)}"
     if image.depth is not None and (nothing := np.isinf(image.depth[image.valid]).mean()) >= MOSTLY_NOTHING:
         yield f"{stem}: {100 * nothing:.3g} % of the rays meet nothing; positions are metres"
     if "labels" in image.layers and not image["labels"].any():
@@ -198,6 +197,12 @@ def _limiting(options: RenderOptions) -> str:
     return f"; {', '.join(limits)} may make it impossible" if limits else ""
 
 
+def _of_no_object(unknown: Mapping[Color, int]) -> str:
+    """Return a line on colours that no object has, and the number of their pixels."""
+    pixels = sum(unknown.values())
+    return f"{pixels} pixels of masks show {len(unknown)} colours or ids that no object has: label 0"
+
+
 class Captured(NamedTuple):
     """The number of captures that a job needs, and of those that its recording did not hold before."""
 
@@ -205,10 +210,37 @@ class Captured(NamedTuple):
     new: int
 
 
+class _CountedMasks(SourceWrapper):
+    """Counts the colours of masks that no object has, once for each request.
+
+    Args:
+        source: whose captures are counted.
+        unknown: colour to pixels so far; they are added to it.
+        seen: requests that are counted.
+    """
+
+    def __init__(self, source: Source, unknown: Counter[Color], seen: set[Request]) -> None:
+        super().__init__(source)
+        self._unknown = unknown
+        self._seen = seen
+
+    def around(self, source: Source) -> Source:
+        return _CountedMasks(source, self._unknown, self._seen)
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        for capture in self._source.capture(requests):
+            is_colored = capture.mode == "object_mask" and capture.pixels.ndim == 3
+            if is_colored and not capture.request.again and capture.request not in self._seen:
+                self._seen.add(capture.request)
+                self._unknown += Counter(labels_of(capture.pixels, self._source.objects())[1])
+            yield capture
+
+
 def capture(
     job: Job,
     path: Path,
     progress: Report | None = None,
+    warn: Callable[[str], None] | None = None,
     *,
     border_px: int | Literal["overscan"] | None = None,
 ) -> Captured:
@@ -218,15 +250,18 @@ def capture(
         job: what the captures are for.
         path: the file; made if it does not exist.
         progress: called as captures progress; an image counts when all its captures are made.
+        warn: called with a line if masks show colours that no object has.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
             ``overscan``: for the faces of cube maps, if the source can set their size and field of view, that
             of the faces in the file, else 1/16 of a face.
     """
     check(job)
     needed = dict[Request, None]()
+    unknown = Counter[Color]()
     rows = _recorded(path)
     meter = Meter(len(job), progress)
-    with opened(replace(job, record=path)) as (job, source):
+    with opened(replace(job, record=path)) as (job, recording):
+        source = _CountedMasks(recording, unknown, set())
         if border_px == "overscan":
             recorded = {view_from_json(row.asked) for row in rows}
             border_px = _overscan_px(job, source, recorded)
@@ -240,6 +275,8 @@ def capture(
             for number, moment in enumerate(shared.captured):
                 report = meter.part() if number == last else without_images(meter.part())
                 needed |= _capture_moment(job, renderer, moment, border_px, needed, report)
+    if unknown and warn is not None:
+        warn(f"{path}: {_of_no_object(unknown)}")
     captured: set[str] = set()
     count = 0
     for request in needed:

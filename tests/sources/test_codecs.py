@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from PIL import Image
 from support.cases import cases
 
 import omniscv
@@ -30,6 +31,22 @@ def pixels_of(row, dtype):
     else:
         numbers = st.floats(least, most, width=32, allow_nan=False, allow_infinity=most == np.inf)
     return arrays(dtype, (VIEW.height, VIEW.width, *channels), elements=numbers)
+
+
+def test_masks_in_a_png_with_a_palette_have_its_colours():
+    colors = np.random.default_rng(1).integers(0, 256, (5, 3), np.uint8)
+    indices = np.random.default_rng(2).integers(0, 5, (VIEW.height, VIEW.width), np.uint8)
+    picture = Image.fromarray(indices, "P")
+    picture.putpalette(colors.tobytes())
+    for bits in (8, 4):
+        buffer = io.BytesIO()
+        picture.save(buffer, "PNG", bits=bits)
+        if bits == 8:
+            shown = codecs.decode(buffer.getvalue(), "png", "object_mask", VIEW)
+            np.testing.assert_array_equal(shown, colors[indices])
+        else:
+            with pytest.raises(BadReplyError, match="expected an 8-bit PNG, not interlaced, got 4-bit"):
+                codecs.decode(buffer.getvalue(), "png", "object_mask", VIEW)
 
 
 @pytest.mark.parametrize(("row", "dtype"), DELIVERED, ids=[f"{row.name}-{dtype}" for row, dtype in DELIVERED])

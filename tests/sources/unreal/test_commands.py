@@ -42,6 +42,30 @@ def test_a_recording_with_overscan_has_a_tenth_of_the_error_of_a_vignette(tmp_pa
     assert after <= before / 10
 
 
+@pytest.mark.parametrize("fault", ["", "?fault=mask-noise=6"])
+def test_a_recording_says_which_masks_no_object_has(fault, tmp_path, capsys):
+    """Judged by the distance of every recorded colour from all objects' own."""
+    path = tmp_path / "room.sqlite"
+    words = ["--set", "face_size=32", "--modes", "object_mask", "--out", str(path)]
+    assert run(["record", "--source", f"mock://four-wall{fault}", *words]) == 0
+    said = capsys.readouterr().err
+    with omniscv.open_source(path) as source:
+        table = source.objects()
+        own = np.array([*table.colors.values()])
+        views = source.recorded_views()
+        requests = [omniscv.sources.Request(view, "object_mask") for view in views]
+        shown = np.concatenate([capture.pixels.reshape(-1, 3) for capture in source.capture(requests)])
+    off = np.abs(shown[:, None].astype(int) - own).max(axis=-1)
+    is_strange = ((off <= table.tolerance).sum(axis=-1) != 1) & (off > 0).all(axis=-1) & shown.any(axis=-1)
+    colors = len(np.unique(shown[is_strange], axis=0))
+    if fault:
+        assert is_strange.sum() > 1000
+        assert f"{is_strange.sum()} pixels of masks show {colors} colours or ids that no object has" in said
+    else:
+        assert not is_strange.any()
+        assert said == ""
+
+
 def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, monkeypatch):
     def examine(uri, position, quick, picture, layout, said, **deadlines):
         assert (position.tolist(), deadlines) == ([0.5, 0, 1.4], {"timeout_s": 3.0})
