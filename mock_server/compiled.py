@@ -34,7 +34,8 @@ __all__ = ["Kernel", "Library", "fields", "library_name", "load_library", "njit"
 
 LOGGER = logging.getLogger("omniscv.compiled")
 _V3 = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
-"""What a processor of x86-64-v3 has beside that of v2."""
+_V4 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
+"""What a processor of x86-64-v3 has beside that of v2, and one of v4 beside that of v3, as Linux names it."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -219,8 +220,12 @@ def load_library(package: str) -> Library | None:
 def library_name() -> str:
     """Return the name of the library for this machine: where vectors are wider, another one."""
     name = f"{sys.platform}-{platform.machine().lower()}"
-    if name == "linux-x86_64" and _flags() >= _V3:
-        name += "-v3"
+    if name == "linux-x86_64":
+        flags = _flags()
+        if flags >= _V3 | _V4:
+            name += "-v4"
+        elif flags >= _V3:
+            name += "-v3"
     return f"{name}.so"
 
 

@@ -1,14 +1,16 @@
 """Compiles the declared kernels of omniscv and the mock server into libraries: see docs/contributing.md.
 
-numba compiles each signature to LLVM's intermediate representation, in a process for each kind of processor.
-This is linked into one module a package, with a function for C for each signature. llvmlite emits objects of
-it, and zig links these for glibc 2.17. Equal sources and versions give equal bytes.
+numba compiles the signatures of each kernel to LLVM's intermediate representation, in a process of its own:
+what else it has compiled before decides what it puts inline, and whether a loop is vectorized. This is linked
+into one module a package, with a function for C for each signature. llvmlite emits objects of it, and zig
+links these for glibc 2.17. Equal sources and versions give equal bytes.
 """
 
 import argparse
 import hashlib
 import importlib
 import json
+import multiprocessing
 import os
 import platform
 import re
@@ -25,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
 import llvmlite.binding as llvm  # noqa: E402
+import numba  # noqa: E402
 from numba import from_dtype, types  # noqa: E402
 
 from mock_server.compiled import Kernel, symbol  # noqa: E402
@@ -34,23 +37,30 @@ PACKAGES = ("mock_server", "omniscv")
 
 
 class Target(NamedTuple):
-    """A platform: numba's processor, LLVM's names of the platform and its processor, and zig's name of it."""
+    """A platform: numba's processor, LLVM's names of the platform and its processor, and zig's name of it.
+
+    Features are changes to what LLVM knows of the processor, for numba and LLVM.
+    """
 
     numba_cpu: str
     triple: str
     cpu: str
     zig: str
+    features: str = ""
 
 
 TARGETS = {
     "linux-x86_64": Target("x86-64-v2", "x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
     "linux-x86_64-v3": Target("x86-64-v3", "x86_64-unknown-linux-gnu", "x86-64-v3", "x86_64-linux-gnu.2.17"),
+    "linux-x86_64-v4": Target(
+        "x86-64-v4", "x86_64-unknown-linux-gnu", "x86-64-v4", "x86_64-linux-gnu.2.17", "-prefer-256-bit"
+    ),
     "linux-aarch64": Target("x86-64-v2", "aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
     "darwin-arm64": Target("generic", "arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos"),
     "win32-amd64": Target("x86-64-v2", "x86_64-pc-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
 }
 """By the names of libraries. Code of a vector of two numbers for x86-64 serves ARM, too."""
-COMMITTED = ("linux-x86_64", "linux-x86_64-v3", "linux-aarch64")
+COMMITTED = ("linux-x86_64", "linux-x86_64-v3", "linux-x86_64-v4", "linux-aarch64")
 """Those whose kernels were run; the workflow publish.yml builds others on their own machines."""
 _DECREMENT = re.compile(
     r"(%\S+) = (?:tail )?call i8 @llvm\.x86\.atomic\.sub\.cc\S*"
@@ -72,8 +82,8 @@ def main() -> int:
         return 0
     files: dict[str, bytes] = {}
     names = arguments.platform or COMMITTED
-    for cpu in sorted({TARGETS[name].numba_cpu for name in names}):
-        modules = modules_for(cpu)
+    for cpu, features in sorted({(TARGETS[name].numba_cpu, TARGETS[name].features) for name in names}):
+        modules = modules_for(cpu, features)
         for name in names:
             if TARGETS[name].numba_cpu == cpu:
                 for package, module in modules.items():
@@ -93,11 +103,10 @@ def main() -> int:
     return int(bool(differing))
 
 
-def modules_for(cpu: str) -> dict[str, str]:
+def modules_for(cpu: str, features: str) -> dict[str, str]:
     """Return LLVM's text of the module of each package, compiled for a processor in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        kept = str(Path(folder, "cache"))  # nothing of other runs is used
-        environment = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": kept}
+        environment = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": features}
         command = [sys.executable, __file__, "--modules", folder]
         subprocess.run(command, env={**os.environ, **environment}, check=True)
         return {package: Path(folder, package).read_text(encoding="ascii") for package in PACKAGES}
@@ -152,11 +161,12 @@ def module_of(kernels: list[Kernel]) -> str:
     """Return LLVM's text of a module with a C function for each signature of kernels."""
     module = llvm.parse_assembly("")
     names = []
-    for kernel in kernels:
-        for index, signature in enumerate(kernel.signatures):
-            name = symbol(kernel.full_name, index)
-            module.link_in(llvm.parse_assembly(compiled(kernel, signature, name)))
-            names.append(name)
+    with multiprocessing.Pool(maxtasksperchild=1) as processes:
+        texts = processes.map(texts_of, [kernel.full_name for kernel in kernels], chunksize=1)
+    for kernel, of_signatures in zip(kernels, texts, strict=True):
+        for index, text in enumerate(of_signatures):
+            module.link_in(llvm.parse_assembly(text))
+            names.append(symbol(kernel.full_name, index))
     for function in module.functions:
         if not function.is_declaration and function.name not in names:
             function.linkage = "internal"
@@ -166,6 +176,18 @@ def module_of(kernels: list[Kernel]) -> str:
     remove_unused(module)
     module.verify()
     return str(module)
+
+
+def texts_of(full_name: str) -> list[str]:
+    """Return LLVM's text of each signature of a kernel; in a process that has compiled nothing else."""
+    module_name, _, name = full_name.rpartition(".")
+    kernel = getattr(importlib.import_module(module_name), name)
+    texts = []
+    with tempfile.TemporaryDirectory() as folder:
+        numba.config.CACHE_DIR = folder  # numba keeps no text beside what it has kept
+        for index, signature in enumerate(kernel.signatures):
+            texts.append(compiled(kernel, signature, symbol(full_name, index)))
+    return texts
 
 
 def compiled(kernel: Kernel, signature: Signature, name: str) -> str:
@@ -227,7 +249,7 @@ def remove_unused(module: Any) -> None:
 def library(assembly: str, target: Target) -> bytes:
     """Return the shared library of a module for a platform."""
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, opt=3, reloc="pic", codemodel="default"
+        cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="default"
     )
     text = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', assembly)
     text = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', text)

@@ -35,6 +35,6 @@ class WheelHook(BuildHookInterface[Any]):
         if name not in choices:
             raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(choices)}, got {name!r}")
         build_data["tag"] = TAGS[name]
-        # linux-x86_64-v3 is of linux-x86_64, for newer processors.
+        # linux-x86_64-v3 and -v4 are of linux-x86_64, for newer processors.
         others = [library for library in built if not f"{library}-".startswith(f"{name}-")]
         self.build_config.target_config["exclude"] = [f"*/kernels/{library}.so" for library in others]
