@@ -432,32 +432,33 @@ def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str],
         count: of numbers in a row.
         keyed: whether rows have a name, in a column that is called so or in the first one.
     """
-    columns, units = _columns_and_units(words)
-    if keyed and "name" not in columns and not columns[0]:
-        columns[0] = "name"
-    for word, column in zip(words, columns, strict=True):
-        if column is None:
-            known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
-            raise ArgumentError(f"expected names of columns among {known}; got {shown(word)}")
+    columns, units = _columns_and_units(words, keyed)
     if len(words) != count:
         raise ArgumentError(f"expected {len(words)} columns, as there are names, got {count} in one row")
     if keyed and "name" not in columns:
         raise ArgumentError(f"expected a column 'name', got {shown(' '.join(words))}")
-    read = ["" if column is None or (column == "name" and not keyed) else column for column in columns]
-    _check_columns(read)
-    if "nsec" in read and "time" not in read:
-        read[read.index("nsec")] = "time"
+    if not keyed:
+        columns = ["" if column == "name" else column for column in columns]
+    _check_columns(columns)
+    if "nsec" in columns and "time" not in columns:
+        columns[columns.index("nsec")] = "time"
         units["time"] = "ns"
     _check_units(units)
-    return read, units
+    return columns, units
 
 
-def _columns_and_units(words: list[str]) -> tuple[list[str | None], dict[str, str]]:
-    """Return what names stand for, None for unknown ones, and the units of columns that have one."""
+def _columns_and_units(words: list[str], keyed: bool) -> tuple[list[str], dict[str, str]]:
+    """Return what columns are by their names, and the units of those that have one; of ``keyed`` rows the
+    first column is the name where none is called so."""
+    found = [column_of(word) for word in words]
+    if keyed and "name" not in dict(found) and not found[0][0]:
+        found[0] = ("name", "")
     columns = []
     units = {}
-    for word in words:
-        column, unit = column_of(word)
+    for word, (column, unit) in zip(words, found, strict=True):
+        if column is None:
+            known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
+            raise ArgumentError(f"expected names of columns among {known}; got {shown(word)}")
         columns.append(column)
         if column and unit:
             units[column] = unit

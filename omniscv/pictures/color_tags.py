@@ -46,9 +46,8 @@ _SAME_XY = 2e-3  # of chromaticities that are rounded
 _CICP_PRIMARIES = {1: REC_709, 2: REC_709, 9: _BT_2020, 12: _DISPLAY_P3}
 _CICP_CURVES = {2: 0.0, 13: 0.0, 8: 1.0, 4: 2.2, 5: 2.8}
 """By number of H.273: the power of a code that is light, 0 of sRGB."""
-# of a PNG that is taken as sRGB
-_GAMMA = 1 / 2.2
-_SAME_GAMMA = 2e-3
+_GAMMA = 1 / 2.2  # of a PNG that is taken as sRGB
+_SAME_GAMMA = 2e-3  # of gammas that are rounded
 _LONGEST_PROFILE = 1 << 24  # bytes
 _RADIANCE_HEADER = 1 << 14  # bytes
 _RADIANCE_WORD = re.compile(r"\s*([A-Z]+)\s*=\s*(.*?)\s*")
@@ -82,8 +81,12 @@ class Colors(NamedTuple):
 
 def of_png(payload: bytes) -> Colors:
     """Return what the chunks of a PNG say."""
-    chunks = {name: bytes(data) for name, data in png.chunks(payload) if name != b"IDAT"}
-    if len(cicp := chunks.get(b"cICP", b"")) == 4:
+    chunks: dict[bytes, bytes] = {}
+    for name, data in png.chunks(payload):
+        if name != b"IDAT":
+            chunks[name] = bytes(data)
+    cicp = chunks.get(b"cICP", b"")
+    if len(cicp) == 4:
         code, curve, matrix, full = cicp
         if code in _CICP_PRIMARIES and curve in _CICP_CURVES and matrix == 0 and full == 1:
             return Colors(_CICP_CURVES[curve], _CICP_PRIMARIES[code], tag="cICP")
@@ -112,7 +115,13 @@ def _inflated(packed: bytes) -> bytes:
 
 
 def of_spec(file: Path, spec: Any, form: str) -> Colors:
-    """Return what a file of another form says, by OpenImageIO's description of it."""
+    """Return what a file of another form than PNG says.
+
+    Args:
+        file: its path, from which Radiance's header is read.
+        spec: OpenImageIO's description of the picture, ``ImageSpec``.
+        form: OpenImageIO's name of the form.
+    """
     if form == "hdr":
         return _of_radiance(file)
     if form == "openexr":

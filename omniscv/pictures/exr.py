@@ -26,10 +26,12 @@ def encode(
     names: Sequence[str] = (),
     attributes: Mapping[str, str | Sequence[float]] | None = None,
 ) -> bytes:
-    """Return the file of (H, W) or (H, W, C) pixels, float16, float32 or uint32.
+    """Return the bytes of a file.
 
-    ``names`` of the channels are ``Y``, or R, G, B and A, if not given; ``attributes`` are texts, or the
-    chromaticities of its colours.
+    Args:
+        pixels: (H, W) or (H, W, C) float16, float32 or uint32.
+        names: of the channels; ``Y``, or R, G, B and A, if not given.
+        attributes: texts, or the chromaticities of its colours, by name.
     """
     planes = pixels if pixels.ndim == 3 else pixels[..., None]
     height, width, channels = planes.shape
@@ -40,11 +42,14 @@ def encode(
             f"{pixels.dtype} of shape {pixels.shape}"
         )
     order = sorted(range(channels), key=lambda k: names[k])
-    listed = b"".join(
-        names[k].encode() + struct.pack("<xIB3xII", _TYPES[planes.dtype.name], 0, 1, 1) for k in order
-    )
+    listed = b""
+    for k in order:
+        listed += names[k].encode() + struct.pack("<xIB3xII", _TYPES[planes.dtype.name], 0, 1, 1)
     window = struct.pack("<4i", 0, 0, width - 1, height - 1)
-    header = [_attribute(name, value) for name, value in (attributes or {}).items()] + [
+    header = []
+    for name, value in (attributes or {}).items():
+        header.append(_attribute(name, value))
+    header += [
         _attribute("channels", listed + b"\0", "chlist"),
         _attribute("compression", bytes([_ZIP]), "compression"),
         _attribute("dataWindow", window, "box2i"),
@@ -56,13 +61,17 @@ def encode(
     ]
     start = _START + b"".join(header) + b"\0"
     rows = np.moveaxis(planes[..., order], 2, 1)  # channel by channel in each
-    blocks = [_block(rows[first : first + _ROWS], first) for first in range(0, height, _ROWS)]
+    blocks = []
+    for first in range(0, height, _ROWS):
+        blocks.append(_block(rows[first : first + _ROWS], first))
     ends = np.cumsum([len(start) + 8 * len(blocks), *map(len, blocks)])
     offsets: bytes = ends[:-1].astype("<u8").tobytes()
     return start + offsets + b"".join(blocks)
 
 
 def _attribute(name: str, value: Any, kind: str = "string") -> bytes:
+    """Return an attribute of the header: a text, bytes of a kind, or floats of the kind that it is named
+    after."""
     if isinstance(value, str):
         value = value.encode()
     elif not isinstance(value, bytes):
@@ -72,6 +81,7 @@ def _attribute(name: str, value: Any, kind: str = "string") -> bytes:
 
 
 def _block(rows: NDArray[Any], first: int) -> bytes:
+    """Return a block of rows (n, C, W), of which the first is the row ``first`` of the picture."""
     stored = np.ascontiguousarray(rows, rows.dtype.newbyteorder("<"))
     pairs = stored.reshape(-1).view("<u2")
     data = np.concatenate([pairs.astype(np.uint8), (pairs >> 8).astype(np.uint8)])

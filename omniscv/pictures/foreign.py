@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,12 +14,17 @@ from omniscv.pictures import MAX_PIXELS, color_tags, hdf5, npy, png
 from omniscv.pictures.forms import ARRAY, FORMS, Pixels
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
 
-SUFFIXES = (*(f".{suffix}" for suffix in FORMS if suffix != ARRAY), *hdf5.SUFFIXES)
+_IMAGES = [f".{suffix}" for suffix in FORMS if suffix != ARRAY]
+SUFFIXES = (*_IMAGES, *hdf5.SUFFIXES)
 """Of the pictures that :func:`read` reads."""
 
 _MOST_PARTS = 64
 _JPEG = b"\xff\xd8\xff"
 _END = b"\xff\xd9"
+_JPEG_END = 0xD9
+_JPEG_PROGRESSIVE = 0xC2
+_JPEG_SCAN = 0xDA
+"""Kinds of segments of a JPEG."""
 _GREY = ("y", "l", "i", "luminance")
 _DEPTH = ("z", "depth", "distance")
 _IDS = ("indexob",)
@@ -56,26 +62,39 @@ def parts_of(file: Path) -> Parts:
         return Parts()
     open_regular(file).close()
     with closing(_opened(file, OpenImageIO.ImageSpec())) as source:
-        parts = _parts(source)
-    channels = list[str]()
+        channels = _channels(_parts(source))
+    layers = dict.fromkeys(channel.rpartition(".")[0] for channel in channels)
+    if len(layers) < 2:
+        return Parts()
+    read_layers = {channels[i].rpartition(".")[0] for i in _colors(channels)}
+    kinds = []
+    for kind, names in (("depth", _DEPTH), ("object_mask", _IDS)):
+        i = _named_layer(channels, names)
+        if i is not None:
+            kinds.append(kind)
+            read_layers.add(channels[i].rpartition(".")[0])
+    others = [layer.rpartition(".")[2] for layer in layers if layer and layer not in read_layers]
+    return Parts(tuple(kinds), tuple(others))
+
+
+def _channels(parts: Sequence[Any]) -> list[str]:
+    """Return the names of the channels of all parts as ``LAYER.CHANNEL``; a part may be named as its
+    layer."""
+    channels = []
     for spec in parts:
         part = spec.get_string_attribute("oiio:subimagename")
         for name in spec.channelnames:
             channels.append(f"{part}.{name}" if len(parts) > 1 and "." not in name else name)
-    layers = dict.fromkeys(channel.rpartition(".")[0] for channel in channels)
-    if len(layers) < 2:
-        return Parts()
-    taken = {channels[i].rpartition(".")[0] for i in _colors(channels)}
-    kinds = {"depth": _named_layer(channels, _DEPTH), "object_mask": _named_layer(channels, _IDS)}
-    taken |= {channels[i].rpartition(".")[0] for i in kinds.values() if i is not None}
-    others = tuple(layer.rpartition(".")[2] for layer in layers if layer and layer not in taken)
-    return Parts(tuple(kind for kind, i in kinds.items() if i is not None), others)
+    return channels
 
 
 def _named_layer(channels: Sequence[str], names: Sequence[str]) -> int | None:
     """Return the index of the only channel whose layer has one of some names; None for none or several."""
-    found = [i for i, channel in enumerate(channels) if _layer(channel).rpartition(".")[2] in names]
-    return found[0] if len(found) == 1 else None
+    matches = []
+    for i, channel in enumerate(channels):
+        if _layer(channel).rpartition(".")[2] in names:
+            matches.append(i)
+    return matches[0] if len(matches) == 1 else None
 
 
 def _layer(channel: str) -> str:
@@ -91,8 +110,14 @@ def _parts(source: Any) -> list[Any]:
 
 
 class Read(NamedTuple):
-    """Pixels of a file: (H, W, 1 or 3); its bytes where it is a PNG that holds exactly them, else empty; what
-    tags say of colours, and what was done, in lines for people."""
+    """A picture that was read.
+
+    Attributes:
+        pixels: (H, W, 1 or 3).
+        payload: the bytes of the file where it is a PNG that holds exactly these pixels, else empty.
+        tags: what the file says of its colours.
+        lines: what was done, for people.
+    """
 
     pixels: Pixels
     payload: bytes = b""
@@ -104,28 +129,32 @@ def read(file: Path, kind: str = "lit") -> Read:
     """Return the pixels of a file as they are; floats are float32, or float16 where the file has those.
 
     Args:
-        file: see :data:`SUFFIXES`. Alpha is ignored.
+        file: of a suffix of :data:`SUFFIXES`. Alpha is ignored.
         kind: ``lit``, ``depth`` or ``object_mask``: its channels are taken.
 
     Raises:
         ArgumentError: no regular file, damaged, too large, or not of a form that the kind can have.
     """
+    suffix = file.suffix.lower()
     with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
         head = opened.read(png.HEADER_BYTES)
-        known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
-        payload = head + opened.read() if known else b""
+        is_decoded_here = suffix == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
+        payload = head + opened.read() if is_decoded_here else b""
     lines: tuple[str, ...] = ()
-    if head.startswith(_JPEG) and (behind := len(payload) - _end_of_jpeg(payload)):
-        lines = (f"{behind} bytes behind the picture are ignored",)
+    if head.startswith(_JPEG):
+        behind = len(payload) - _end_of_jpeg(payload)
+        if behind:
+            lines = (f"{behind} bytes behind the picture are ignored",)
     tags: color_tags.Colors | None = None
     try:
-        if file.suffix.lower() == ".npy":
+        if suffix == ".npy":
             return Read(_of_array(npy.decode(payload)))
-        if file.suffix.lower() in hdf5.SUFFIXES:
+        if suffix in hdf5.SUFFIXES:
             return Read(_of_array(hdf5.read(file)))
         if head.startswith(png.SIGNATURE):
             tags = color_tags.of_png(payload)
-            if (pixels := _plain_png(payload, kind)) is not None:
+            pixels = _plain_png(payload, kind)
+            if pixels is not None:
                 # No codec of ids or depth decodes grey with alpha.
                 is_kept = kind == "lit" or png.header(payload).channels != 2
                 return Read(pixels, payload if is_kept else b"", tags)
@@ -135,7 +164,7 @@ def read(file: Path, kind: str = "lit") -> Read:
         pixels, of_spec = _by_openimageio(file, kind, b"VP8 " in head)
     except UnicodeDecodeError as cause:  # of names, or of the library's own message
         raise ArgumentError("expected a picture, got one whose header is damaged: no UTF-8") from cause
-    return Read(pixels, b"", tags or of_spec, lines)
+    return Read(pixels, b"", of_spec if tags is None else tags, lines)
 
 
 def palette_indices(file: Path) -> Pixels | None:
@@ -170,27 +199,43 @@ def _end_of_jpeg(payload: bytes) -> int:
     """
     low: dict[int, list[int]] = {}
     at = 2
-    while (at := payload.find(b"\xff", at)) >= 0 and at + 2 <= len(payload):
+    while True:
+        at = payload.find(b"\xff", at)
+        if at < 0 or at + 2 > len(payload):
+            break
         kind = payload[at + 1]
         size = int.from_bytes(payload[at + 2 : at + 4], "big")
-        if kind == 0xD9:
+        if kind == _JPEG_END:
             break
         if kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD8:  # within the data of a scan
-            at += 1 + (kind != 0xFF)
+            at += 1 if kind == 0xFF else 2
             continue
-        segment = payload[at + 4 : at + 2 + size]
-        if kind == 0xC2:  # progressive
-            low = {component: [99] * 64 for component in segment[6::3]}
-        elif kind == 0xDA and low and len(segment) == 4 + 2 * segment[0]:
-            first, last, bits = segment[-3:]
-            for component in low.keys() & {*segment[1:-3:2]}:
-                low[component][first : last + 1] = [bits & 15] * (last + 1 - first)
+        _note_scan(low, kind, payload[at + 4 : at + 2 + size])
         at += 2 + size
     if any(map(any, low.values())):
         raise ArgumentError("expected a whole picture, got a progressive JPEG without its last scans")
     if payload[at : at + 2] != _END or at < 0:
         raise ArgumentError("expected a whole picture, got a JPEG without its end")
     return at + 2
+
+
+def _note_scan(low: dict[int, list[int]], kind: int, segment: bytes) -> None:
+    """Note down to which bit a scan of a progressive JPEG brings the coefficients of its components.
+
+    Args:
+        low: by component, for each of its 64 coefficients the lowest bit so far; filled by the frame's
+            header.
+        kind: of the segment.
+        segment: its bytes behind its length.
+    """
+    if kind == _JPEG_PROGRESSIVE:
+        low.clear()
+        for component in segment[6::3]:
+            low[component] = [99] * 64
+    elif kind == _JPEG_SCAN and low and len(segment) == 4 + 2 * segment[0]:
+        first, last, bits = segment[-3:]
+        for component in low.keys() & {*segment[1:-3:2]}:
+            low[component][first : last + 1] = [bits & 15] * (last + 1 - first)
 
 
 def _check_size(width: int, height: int) -> None:
@@ -201,7 +246,8 @@ def _check_size(width: int, height: int) -> None:
 def _opened(file: Path, config: Any) -> Any:
     import OpenImageIO
 
-    if (opened := OpenImageIO.ImageInput.open(str(file), config)) is None:
+    opened = OpenImageIO.ImageInput.open(str(file), config)
+    if opened is None:
         raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
     return opened
 
@@ -217,67 +263,102 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> tuple[Pixels, color_t
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
         parts = _parts(source)
         name = source.format_name()
-        special = {i: _special(spec.channelnames, kind) for i, spec in enumerate(parts)}
-        if not any(special.values()):
-            special = {i: _colors(spec.channelnames) for i, spec in enumerate(parts)}
-        fitting = {i: channels for i, channels in special.items() if channels}
-        if len(fitting) != 1:
-            names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
-            wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
-            raise ArgumentError(f"expected {wanted}, got {len(fitting)} among {shown(names)}")
-        ((part, channels),) = fitting.items()
-        _check_size(parts[part].width, parts[part].height)
-        _check_spec(parts[part], name, kind, lossy)
+        part, channels = _part_of(parts, kind)
+        spec = parts[part]
+        _check_size(spec.width, spec.height)
+        _check_spec(spec, name, kind, lossy)
         source.geterror()
-        stored = str(parts[part].channelformat(min(channels)))  # a file may have halves beside floats
+        first = min(channels)
+        stored = str(spec.channelformat(first))  # a file may have halves beside floats
         form = stored if stored in _KEPT else "float"
-        pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
+        pixels = source.read_image(part, 0, first, max(channels) + 1, form)
         if pixels is None or source.has_error:  # half a JPEG has pixels
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        chosen = np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
-        if parts[part].get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and form == "uint16":
+        chosen = np.ascontiguousarray(pixels[..., np.array(channels) - first])
+        if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and form == "uint16":
             chosen = 0xFFFF - chosen  # white is 0, which the library knows of 8 bits only
-        return chosen, color_tags.of_spec(file, parts[part], name)
+        return chosen, color_tags.of_spec(file, spec, name)
+
+
+def _part_of(parts: Sequence[Any], kind: str) -> tuple[int, tuple[int, ...]]:
+    """Return the index of the only part that has a kind, and its channels; ArgumentError for none or
+    several."""
+    fitting: dict[int, tuple[int, ...]] = {}
+    for find in (partial(_special, kind=kind), _colors):
+        for i, spec in enumerate(parts):
+            channels = find(spec.channelnames)
+            if channels:
+                fitting[i] = channels
+        if fitting:
+            break
+    if len(fitting) != 1:
+        names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
+        wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
+        raise ArgumentError(f"expected {wanted}, got {len(fitting)} among {shown(names)}")
+    ((part, channels),) = fitting.items()
+    return part, channels
 
 
 def _special(names: Sequence[str], kind: str) -> tuple[int, ...]:
     """Return the channel that holds depth or ids only; empty for none."""
-    found: int | None = None
+    channel: int | None = None
     if kind == "depth":
-        found = _of_depth([name.lower() for name in names])
+        channel = _of_depth([name.lower() for name in names])
     elif kind == "object_mask":
-        found = 0 if len(names) == 1 else _named_layer(names, _IDS)
-    return () if found is None else (found,)
+        channel = 0 if len(names) == 1 else _named_layer(names, _IDS)
+    return () if channel is None else (channel,)
 
 
-def _colors(given: Sequence[str]) -> tuple[int, ...]:
+def _colors(channels: Sequence[str]) -> tuple[int, ...]:
     """Return the channels that hold colours or grey; none where there are several such, or no such."""
-    names = [name.lower() for name in given]
-    layers = [name[:-1] for name in names if name == "r" or name.endswith(".r")]
-    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names} and "crypto" not in layer]
-    final = [layer for end in _FINAL for layer in layers if f".{layer}".endswith(f".{end}.")]
-    if len(layers) > 1 and final and "" not in layers:
-        layers = final[:1]
-    if len(layers) == 1 or "" in layers:
-        return tuple(names.index(f"{'' if '' in layers else layers[0]}{color}") for color in "rgb")
-    return (0,) if not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY else ()
+    names = [name.lower() for name in channels]
+    layers = _layers_of_colors(names)
+    if "" in layers:
+        layers = [""]
+    elif len(layers) > 1:
+        layers = _final_layer(layers)
+    if len(layers) == 1:
+        return tuple(names.index(f"{layers[0]}{color}") for color in "rgb")
+    is_grey = not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY
+    return (0,) if is_grey else ()
+
+
+def _layers_of_colors(names: Sequence[str]) -> list[str]:
+    """Return the layers that have channels r, g and b, as ``LAYER.``, or "" for those without a layer."""
+    layers = []
+    for name in names:
+        layer = name.removesuffix("r")
+        is_red = name == "r" or name.endswith(".r")
+        if is_red and f"{layer}g" in names and f"{layer}b" in names and "crypto" not in layer:
+            layers.append(layer)
+    return layers
+
+
+def _final_layer(layers: list[str]) -> list[str]:
+    """Return the layer of several that others only lead to; all of them if none is known to be that."""
+    for end in _FINAL:
+        for layer in layers:
+            if f".{layer}".endswith(f".{end}."):
+                return [layer]
+    return layers
 
 
 def _of_depth(names: Sequence[str]) -> int | None:
     """Return the index of the channel of depth: that of a layer of this name, else the only one of such a
     name, or that there is; None for several."""
-    found = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
-    if (named := _named_layer(names, _DEPTH)) is not None:
-        return named
-    if len(found) == 1:
-        return found[0]
+    by_layer = _named_layer(names, _DEPTH)
+    if by_layer is not None:
+        return by_layer
+    by_name = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
+    if len(by_name) == 1:
+        return by_name[0]
     return 0 if len(names) == 1 else None
 
 
 def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     """Raise ArgumentError for what would come in otherwise than its maker sees it."""
-    window = spec.x, spec.y, spec.width, spec.height
-    display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
+    window = (spec.x, spec.y, spec.width, spec.height)
+    display = (spec.full_x, spec.full_y, spec.full_width, spec.full_height)
     is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
     bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
     is_ids = kind == "object_mask" and str(spec.format) == "uint32"
@@ -287,7 +368,7 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     cmyk = meaning == 5 or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace")
     turned = spec.get_int_attribute("Orientation", 1)
     is_floats = str(spec.format) not in ("uint8", "uint16")
-    for is_wrong, expected, got in (
+    for is_wrong, expected, found in (
         (is_cropped, f"pixels in all of the display window {display}", window),
         (cmyk, "grey or RGB", "CMYK"),
         (meaning in (8, 9, 10), "grey or RGB", "Lab"),
@@ -298,7 +379,7 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
         (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),
     ):
         if is_wrong:
-            raise ArgumentError(f"expected {expected}, got {got}")
+            raise ArgumentError(f"expected {expected}, got {found}")
 
 
 def _of_array(array: Pixels) -> Pixels:

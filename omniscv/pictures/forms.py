@@ -73,8 +73,16 @@ def open_picture(path: Path) -> Opened:
 
 
 def write_picture(path: Path, pixels: Pixels, row: Modality) -> None:
-    """Write a layer to a file in the form of its suffix; marks are 0 and 255. OmniscvError: pixels that the
-    form does not have, or a file that cannot be written."""
+    """Write a layer to a file in the form of its suffix.
+
+    Args:
+        path: the file.
+        pixels: (H, W) or (H, W, C); of bool, marks, 0 and 255 are written.
+        row: of the layer: names of its channels, attributes.
+
+    Raises:
+        OmniscvError: pixels that the form does not have, or a file that cannot be written.
+    """
     write = form_of(path).write
     assert write is not None, path
     try:
@@ -114,9 +122,9 @@ def _open_array(path: Path) -> Opened:
     except (RuntimeError, ValueError, TypeError, SyntaxError, MemoryError) as cause:
         raise ArgumentError(f"expected an array of Blosc2, got: {shown(str(cause))}") from cause
     # Decompressing takes memory for whole blocks of a chunk: less than twice the array on each side.
-    if tuple(reader.chunks) != shape or any(b > s for b, s in zip(reader.blocks, shape, strict=True)):
-        got = f"{reader.chunks} in blocks of {reader.blocks}"
-        raise ArgumentError(f"expected an array of {shape} in one chunk, got chunks of {got}")
+    if tuple(reader.chunks) != shape or (np.array(reader.blocks) > shape).any():
+        chunks = f"{reader.chunks} in blocks of {reader.blocks}"
+        raise ArgumentError(f"expected an array of {shape} in one chunk, got chunks of {chunks}")
 
     def pixels() -> Pixels:
         try:
@@ -140,8 +148,9 @@ def _by_library(path: Path, library: str) -> Opened:
     source = OpenImageIO.ImageInput.open(str(path))
     if source is None:
         raise BadReplyError(library_error(OpenImageIO))
-    if library and (got := source.format_name()) != library:
-        raise ArgumentError(f"expected {path.suffix[1:].upper()}, as its name says, got {got}")
+    form = source.format_name()
+    if library and form != library:
+        raise ArgumentError(f"expected {path.suffix[1:].upper()}, as its name says, got {form}")
 
     def pixels() -> Pixels:
         read: Pixels | None = source.read_image("unknown")
@@ -187,19 +196,23 @@ def _write_jpeg(path: Path, pixels: Pixels, row: Modality) -> None:
     import cv2
 
     # Not by OpenImageIO: its library for JPEG ends the process where the disk is full.
-    grey = pixels.ndim == 2
-    fits = (grey or pixels.shape[2:] == (3,)) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
-    if pixels.dtype != np.uint8 or not fits:
+    is_grey = pixels.ndim == 2
+    is_picture = is_grey or pixels.shape[2:] == (3,)
+    fits = pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
+    if pixels.dtype != np.uint8 or not is_picture or not fits:
         expected = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
         raise ArgumentError(f"{expected}; got {pixels.dtype} of shape {pixels.shape}; choose png")
-    swapped = pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-    path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
+    swapped = pixels if is_grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    path.write_bytes(encoded.tobytes())
 
 
 def _write_exr(path: Path, pixels: Pixels, row: Modality) -> None:
     stored = (pixels / np.float32(255)).astype(np.float16) if pixels.dtype == np.uint8 else pixels
     names = row.channel_names if len(row.channel_names) == np.atleast_3d(stored).shape[2] else ()
-    attributes: dict[str, Any] = {**row.attributes, **({"comments": row.doc} if row.doc else {})}
+    attributes: dict[str, Any] = dict(row.attributes)
+    if row.doc:
+        attributes["comments"] = row.doc
     if row.name == "lit":
         attributes["chromaticities"] = _REC_709
     path.write_bytes(exr.encode(stored, names, attributes))
@@ -213,9 +226,11 @@ def _write_tiff(path: Path, pixels: Pixels, row: Modality) -> None:
     spec = OpenImageIO.ImageSpec(width, height, channels, planes.dtype.name.removesuffix("32"))
     if len(row.channel_names) == channels:
         spec.channelnames = row.channel_names
-    predictor = {"tiff:Predictor": 1}  # that of floats is known to few readers
-    texts = {"DateTime": _NO_CLOCK, **row.attributes, **({"ImageDescription": row.doc} if row.doc else {})}
-    for name, value in (texts | predictor).items():
+    attributes: dict[str, Any] = {"DateTime": _NO_CLOCK, **row.attributes}
+    if row.doc:
+        attributes["ImageDescription"] = row.doc
+    attributes["tiff:Predictor"] = 1  # that of floats is known to few readers
+    for name, value in attributes.items():
         spec.attribute(name, value)
     output = OpenImageIO.ImageOutput.create(str(path))
     if output is None:

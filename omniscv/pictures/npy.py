@@ -28,8 +28,8 @@ def layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int, Literal
         BadReplyError: no NPY of numbers.
     """
     if not payload.startswith(SIGNATURE):
-        got = f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
-        raise BadReplyError(f"expected NPY, got {got}")
+        beginning = f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
+        raise BadReplyError(f"expected NPY, got {beginning}")
     start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
     end = start + int.from_bytes(payload[8:start], "little")
     header = payload[start : min(end, HEADER_BYTES + 1)]

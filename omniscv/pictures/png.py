@@ -52,23 +52,29 @@ def header(start: bytes) -> Header:
         BadReplyError: no PNG.
     """
     if start[:8] != SIGNATURE or len(start) < HEADER_BYTES or start[12:16] != b"IHDR":
-        got = f"{len(start)} bytes that start with {bytes(start[:24])!r}"
-        raise BadReplyError(f"expected a PNG, got {got}")
+        beginning = f"{len(start)} bytes that start with {bytes(start[:24])!r}"
+        raise BadReplyError(f"expected a PNG, got {beginning}")
     width, height, bits, kind, _, _, interlaced = struct.unpack_from(">IIBBBBB", start, 16)
     return Header(width, height, 3 if kind == _PALETTE else _CHANNELS.get(kind, 0), bits, bool(interlaced))
 
 
 def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return (H, W, C) pixels of ``depth`` bits, 8 or 16: grey, grey with alpha, RGB or RGBA; a palette gives
-    RGB. BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
+    """Return the pixels (H, W, C) of a PNG: grey, grey with alpha, RGB or RGBA; a palette gives RGB.
 
     Memory is taken for the size in the header, which the caller has checked, with the signature.
+
+    Args:
+        payload: the bytes of the file.
+        depth: bits of a channel, 8 or 16.
+
+    Raises:
+        BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
     """
     width, height, bits, kind, *methods = struct.unpack_from(">IIBBBBB", payload, 16)
     if bits != depth or kind not in _CHANNELS or (kind == _PALETTE and depth != 8) or any(methods):
-        got = f"{bits}-bit {width} x {height} of colour type {kind}, methods {methods}"
+        other = f"{bits}-bit {width} x {height} of colour type {kind}, methods {methods}"
         wanted = "an 8-bit PNG" if depth == 8 else "a 16-bit PNG"
-        raise BadReplyError(f"expected {wanted}, not interlaced, got {got}")
+        raise BadReplyError(f"expected {wanted}, not interlaced, got {other}")
     step = _CHANNELS[kind] * depth // 8
     row = 1 + width * step
     if len(payload) > 2 * height * row + _SPARE:
@@ -92,20 +98,30 @@ def check(payload: bytes) -> None:
 
 def _content(payload: bytes) -> tuple[bytes, bytes]:
     """Return the data of the pixels, deflated, and the palette; empty if there is none."""
-    needed = [(name, data) for name, data in chunks(payload) if name[:1].isupper()]
-    data = [data for name, data in needed if name == b"IDAT"]
-    palette = [data for name, data in needed if name == b"PLTE"]
-    names = [name for name, _ in needed]
-    if names != [b"IHDR", *[b"PLTE"] * bool(palette), *[b"IDAT"] * len(data), b"IEND"]:
+    names = []
+    pixels = []
+    palette = []
+    for name, data in chunks(payload):
+        if name[:1].isupper():  # a decoder must know it
+            names.append(name)
+        if name == b"IDAT":
+            pixels.append(data)
+        elif name == b"PLTE":
+            palette.append(data)
+    expected = [b"IHDR"]
+    if palette:
+        expected.append(b"PLTE")
+    expected += [b"IDAT"] * len(pixels)
+    expected.append(b"IEND")
+    if names != expected:
         raise BadReplyError(f"expected the chunks of a PNG, got {b' '.join(names[:8])!r}")
-    return b"".join(data), b"".join(palette)
+    return b"".join(pixels), b"".join(palette)
 
 
 def chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
     """Yield names and data of the chunks, which must end where the payload does."""
-    # behind the signature
     view = memoryview(payload)
-    at = 8
+    at = 8  # behind the signature
     name = b""
     while name != b"IEND" and at + 12 <= len(payload):
         length, name = struct.unpack_from(">I4s", payload, at)
@@ -120,18 +136,20 @@ def chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _inflated(data: bytes, size: int) -> bytes:
+    """Return the ``size`` bytes of a zlib stream; BadReplyError for less or more, or what is none."""
     stream = zlib_ng.decompressobj()
     try:
         inflated = stream.decompress(data, size + 1)
     except zlib_ng.error as cause:  # type: ignore[misc]  # its stub says an instance
         raise BadReplyError(f"expected a PNG, got one that does not decode: {cause}") from cause
     if len(inflated) != size or not stream.eof or stream.unused_data:
-        got = "more" if len(inflated) > size or stream.unused_data else "less"
-        raise BadReplyError(f"expected {size} bytes of pixels in a PNG, got {got}")
+        amount = "more" if len(inflated) > size or stream.unused_data else "less"
+        raise BadReplyError(f"expected {size} bytes of pixels in a PNG, got {amount}")
     return inflated
 
 
 def _colored(indices: Pixels, palette: bytes) -> Pixels:
+    """Return the colours (H, W, 3) of indices (H, W, 1) of a palette, three bytes a colour."""
     colors = np.frombuffer(palette[: len(palette) // 3 * 3], dtype=np.uint8).reshape(-1, 3)
     if indices.max() >= len(colors):
         raise BadReplyError(f"expected colours among the {len(colors)} of the palette, got {indices.max()}")
@@ -190,23 +208,32 @@ def deflated(data: NDArray[np.uint8]) -> bytes:
 
 
 def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
-    """Return the PNG of uint8 or uint16 pixels: grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4);
-    ``srgb``: the file says that they are sRGB."""
+    """Return the bytes of a PNG.
+
+    Args:
+        pixels: uint8 or uint16: grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4).
+        srgb: whether the file says that they are sRGB.
+    """
     kind = _COLOR_TYPE.get(pixels.shape[2:])
     if kind is None or pixels.dtype not in (np.uint8, np.uint16) or not pixels.size:
         wanted = "expected uint8 or uint16 pixels, grey, RGB or RGBA, for PNG"
         raise ArgumentError(f"{wanted}; got {pixels.dtype} of shape {pixels.shape}")
-    height, width, depth = *pixels.shape[:2], 8 * pixels.itemsize
+    height, width = pixels.shape[:2]
     stored = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
     rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
-    # what lies above is mostly the same
-    rows[:, 0] = _UP
+    rows[:, 0] = _UP  # what lies above is mostly the same
     rows[0, 1:] = stored[0]
     np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
+    bits = 8 * pixels.itemsize
+    chunks = [_chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, kind, 0, 0, 0))]
+    if srgb:
+        chunks.append(_chunk(b"sRGB", b"\0"))
+        chunks.append(_chunk(b"gAMA", struct.pack(">I", 45455)))
+    chunks.append(_chunk(b"IDAT", deflated(rows)))
+    chunks.append(_chunk(b"IEND", b""))
+    return SIGNATURE + b"".join(chunks)
 
-    def block(name: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib_ng.crc32(name + data))
 
-    header = block(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))
-    color = block(b"sRGB", b"\0") + block(b"gAMA", struct.pack(">I", 45455)) if srgb else b""
-    return SIGNATURE + header + color + block(b"IDAT", deflated(rows)) + block(b"IEND", b"")
+def _chunk(name: bytes, data: bytes) -> bytes:
+    """Return a chunk: the length of its data, its name, its data, and their checksum."""
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib_ng.crc32(name + data))

@@ -66,6 +66,7 @@ range in the data sheets: ``full_well = SNR_max^2``, ``full_well / DR = sqrt(rea
 
 
 def _electrons(name: str, value: object) -> float | tuple[float, ...]:
+    """Return one number of electrons, or those of red, green and blue."""
     if not isinstance(value, list | tuple):
         return number(name, value, above=0)
     return tuple(number(name, item, above=0) for item in numbers(name, value, (3,)).tolist())
@@ -83,11 +84,13 @@ def _shading(name: str, value: object) -> optics.Shading:
 
 
 def _lateral(name: str, value: object) -> tuple[float, float]:
+    """Return the shares of red and blue, between -0.5 and 0.5."""
     red, blue = numbers(name, value, (2,)).tolist()
     return number(name, red, above=-0.5, below=0.5), number(name, blue, above=-0.5, below=0.5)
 
 
 def _blur(name: str, value: object) -> tuple[float, ...]:
+    """Return standard deviations, px, of one number or a few."""
     sigmas = numbers(name, value if isinstance(value, list | tuple) else [value], (None,)).tolist()
     if not 1 <= len(sigmas) <= _MOST_KERNELS:
         raise wrong(name, f"1 to {_MOST_KERNELS} standard deviations", value)
@@ -146,7 +149,9 @@ class Sensor:
     @property
     def electrons_by_channel(self) -> tuple[float, float, float]:
         """Electrons of light 1.0 behind the red, green and blue filter."""
-        red, green, blue = self.electrons if isinstance(self.electrons, tuple) else (self.electrons,) * 3
+        if not isinstance(self.electrons, tuple):
+            return self.electrons, self.electrons, self.electrons
+        red, green, blue = self.electrons
         return red, green, blue
 
     def to_dict(self) -> dict[str, Any]:
@@ -180,18 +185,25 @@ class Sensor:
         """Return the cameras that red and blue light see through; None without lateral colour."""
         if self.lateral == (0.0, 0.0):
             return None
-        red, blue = (optics.magnified(camera, share) for share in self.lateral)
-        return red, blue
+        red_share, blue_share = self.lateral
+        return optics.magnified(camera, red_share), optics.magnified(camera, blue_share)
 
     def irradiance(self, camera: Camera, light: Floats) -> Floats:
-        """Return the light (H, W, 3) float32 on the sensor, of light that the camera sees: shading, blur,
-        glare."""
+        """Return the light (H, W, 3) float32 on the sensor: after shading, blur and glare.
+
+        Args:
+            camera: the lens.
+            light: (H, W, 3) float32 that it sees.
+        """
         if self.shading is not None:
             light = light * optics.shading(camera, self.shading)[..., None]
-        if self.glare or any(self.blur):
-            valid = camera.valid()
-            light = optics.blur(light, self.blur, valid) if any(self.blur) else light
-            light = optics.glare(light, self.glare, valid) if self.glare else light
+        if not self.glare and not any(self.blur):
+            return light
+        valid = camera.valid()
+        if any(self.blur):
+            light = optics.blur(light, self.blur, valid)
+        if self.glare:
+            light = optics.glare(light, self.glare, valid)
         return light
 
     def expose(
@@ -208,33 +220,45 @@ class Sensor:
         Returns:
             (h, w) uint16; (h, w, 3) without a mosaic.
         """
-        keys = noise.key(self.seed, camera, frame), noise.key(self.seed, camera)
-        if self.mosaic == "none":
-            planes = [(light[..., channel], (channel,) * 4) for channel in range(3)]
-        elif self.mosaic == "mono":
-            planes = [(decode(light, transfer) @ np.array(_LUMINANCE, np.float32), (1, 1, 1, 1))]
-        else:
-            pattern = _PATTERNS[self.mosaic]
-            plane = np.empty(light.shape[:2], light.dtype)
-            for i in range(4):
-                plane[i // 2 :: 2, i % 2 :: 2] = light[i // 2 :: 2, i % 2 :: 2, pattern[i]]
-            planes = [(plane, pattern)]
-        codes = [
-            self._expose(np.ascontiguousarray(decode(plane, transfer)), pattern, k, *keys)
-            for k, (plane, pattern) in enumerate(planes)
-        ]
+        key = noise.key(self.seed, camera, frame)
+        key_of_camera = noise.key(self.seed, camera)
+        codes = []
+        for i, (plane, pattern) in enumerate(self._planes(light, transfer)):
+            linear = np.ascontiguousarray(decode(plane, transfer))
+            codes.append(self._expose(linear, pattern, i, key, key_of_camera))
         return codes[0] if len(codes) == 1 else np.stack(codes, axis=-1)
+
+    def _planes(self, light: Pixels, transfer: str) -> list[tuple[Pixels, tuple[int, ...]]]:
+        """Return the planes (h, w) that the sensor has, and their channels as :data:`_PATTERNS`."""
+        if self.mosaic == "none":
+            return [(light[..., channel], (channel,) * 4) for channel in range(3)]
+        if self.mosaic == "mono":
+            return [(decode(light, transfer) @ np.array(_LUMINANCE, np.float32), (1, 1, 1, 1))]
+        pattern = _PATTERNS[self.mosaic]
+        plane = np.empty(light.shape[:2], light.dtype)
+        for i, channel in enumerate(pattern):
+            pixels = (slice(i // 2, None, 2), slice(i % 2, None, 2))
+            plane[pixels] = light[..., channel][pixels]
+        return [(plane, pattern)]
 
     def _expose(
         self, light: Floats, pattern: tuple[int, ...], plane: int, key: Any, fixed: Any
     ) -> NDArray[np.uint16]:
-        """Return the codes of a plane; ``pattern`` has the channels of its even rows, then of odd ones."""
+        """Return the codes (h, w) uint16 of a plane.
+
+        Args:
+            light: (h, w) on the plane.
+            pattern: the channels of its even rows, then of odd ones.
+            plane: its number.
+            key: of the noise of this frame.
+            fixed: the key of the noise that all frames of the camera share.
+        """
         codes = np.empty(light.shape, np.uint16)
         (height, width) = light.shape
         step = max(1, _BLOCK_PX // width)
         electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
         dark = self.dark_current * self.exposure_s
-        of_sensor = dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1
+        of_sensor = (dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1)
         patterns = _fixed_patterns(tuple(fixed.tolist()), plane, light.shape, (self.prnu, self.dsnu))
         for first in range(0, height, step):
             rows = slice(first, min(first + step, height))
@@ -242,7 +266,7 @@ class Sensor:
             words = noise.words(key, noise.PIXEL, plane, first * width, count * width).reshape(-1, width)
             offsets = self.row_noise * noise.normals(key, noise.ROW, plane, first, count)
             of_rows = np.column_stack([electrons[np.arange(first, rows.stop) & 1], offsets])
-            arrays = light[rows], words, patterns[rows], of_rows, codes[rows]
+            arrays = (light[rows], words, patterns[rows], of_rows, codes[rows])
             run(noise.expose, arrays, noise.quantiles(), np.array(of_sensor))
         return codes
 
@@ -294,9 +318,11 @@ class Sensor:
             light = self.irradiance(seen.camera, decode(light, transfer))
         frame = [seen.pose.position.tolist(), seen.pose.rotation.tolist(), time]
         codes = self.expose(light, camera, frame, transfer=transfer)
-        layers = {"sensor": self.develop(codes)} | ({"raw": codes} if codes.ndim == 2 else {})
+        layers = {**seen.layers, "sensor": self.develop(codes)}
+        if codes.ndim == 2:
+            layers["raw"] = codes
         provenance = {**seen.provenance, "sensor": self.to_dict()}
-        sensed: Image = replace(seen, layers={**seen.layers, **layers}, provenance=provenance)
+        sensed: Image = replace(seen, layers=layers, provenance=provenance)
         return sensed
 
 

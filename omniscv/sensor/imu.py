@@ -9,7 +9,7 @@ Source: Woodman 2007, An introduction to inertial navigation; Furgale et al. 201
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,9 +26,9 @@ from omniscv.sensor import noise
 
 PASSES = 1e-6
 """Metres and radians within which the spline passes through the poses that were given."""
-# purposes of random numbers
 _WHITE = 0
 _WALK = 1
+"""Purposes of random numbers: white noise, and the random walk of the bias."""
 _MOST = 100_000_000  # samples
 
 
@@ -54,7 +54,14 @@ class ImuNoise:
     random_walk: tuple[float, ...] = _axes_of(_densities, "of the bias, unit / s / sqrt(Hz)")
 
     def errors(self, seed: int, name: str, rate: float, count: int) -> tuple[Array, Array]:
-        """Return biases and white noise, (count, 3) each, of the samples from the first one on."""
+        """Return biases and white noise, (count, 3) each, of samples.
+
+        Args:
+            seed: of the noise.
+            name: of the instrument, ``gyroscope`` or ``accelerometer``: each has its own noise.
+            rate: samples a second.
+            count: of samples from the first one on.
+        """
         biases = np.tile(self.bias, (count, 1))
         white = np.zeros((count, 3))
         key = noise.key(seed, f"imu.{name}")
@@ -73,10 +80,13 @@ class ImuSamples:
 
     Attributes:
         times_ns: (N,) whole nanoseconds.
-        angular_velocity, specific_force: (N, 3) as measured, rad/s and m/s^2, in the body's frame.
-        positions_w, velocities_w: (N, 3) of the body, metres and seconds, world frame.
+        angular_velocity: (N, 3) as measured, rad/s, in the body's frame.
+        specific_force: (N, 3) as measured, m/s^2, in the body's frame.
+        positions_w: (N, 3) of the body, metres, world frame.
+        velocities_w: (N, 3) of the body, m/s, world frame.
         rotations: (N, 3, 3) from the body to the world.
-        gyro_bias, accel_bias: (N, 3) the biases in the measurements.
+        gyro_bias: (N, 3) the bias in the angular velocity, rad/s.
+        accel_bias: (N, 3) the bias in the specific force, m/s^2.
     """
 
     times_ns: NDArray[np.int64]
@@ -127,13 +137,10 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     Raises:
         ArgumentError: fewer than two poses, poses without times, or too many samples.
     """
-    imu = imu or Imu()
+    if imu is None:
+        imu = Imu()
     path = replace(path, curve="spline")
-    first, last = (path.times_ns or (0,))[0], (path.times_ns or (0,))[-1]
-    span = (last - first) / NS * imu.rate
-    if span >= _MOST:
-        raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
-    times = first + np.rint(np.arange(math.ceil(span - 1e-6) + 1) * (NS / imu.rate)).astype(np.int64)
+    times = _sample_times(path.times_ns or (0,), imu.rate)
     at = path.motions(times)
     mounted = imu.pose
     rotations = at.rotations @ mounted.rotation
@@ -145,15 +152,24 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     gyro_bias, gyro_white = imu.gyroscope.errors(imu.seed, "gyroscope", imu.rate, len(times))
     accel_bias, accel_white = imu.accelerometer.errors(imu.seed, "accelerometer", imu.rate, len(times))
     return ImuSamples(
-        times,
-        at.rates @ mounted.rotation + gyro_bias + gyro_white,
-        np.einsum("nji,nj->ni", rotations, falling_w) + accel_bias + accel_white,
-        at.positions_w + at.rotations @ lever,
-        at.velocities_w + np.einsum("nij,nj->ni", at.rotations, turning),
-        rotations,
-        gyro_bias,
-        accel_bias,
+        times_ns=times,
+        angular_velocity=at.rates @ mounted.rotation + gyro_bias + gyro_white,
+        specific_force=np.einsum("nji,nj->ni", rotations, falling_w) + accel_bias + accel_white,
+        positions_w=at.positions_w + at.rotations @ lever,
+        velocities_w=at.velocities_w + np.einsum("nij,nj->ni", at.rotations, turning),
+        rotations=rotations,
+        gyro_bias=gyro_bias,
+        accel_bias=accel_bias,
     )
+
+
+def _sample_times(times_ns: Sequence[int], rate: float) -> NDArray[np.int64]:
+    """Return times at ``rate`` a second, whole nanoseconds, from the first pose to the last one or beyond."""
+    samples = (times_ns[-1] - times_ns[0]) / NS * rate
+    if samples >= _MOST:
+        raise ArgumentError(f"imu: expected at most {_MOST} samples, got {samples:g}; give a lower rate")
+    steps = np.arange(math.ceil(samples - 1e-6) + 1)
+    return np.asarray(times_ns[0] + np.rint(steps * (NS / rate)).astype(np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +201,8 @@ class ImuTrack:
     def from_dict(cls, data: Mapping[str, Any]) -> ImuTrack:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
         lines = [line.split() for line in data["path"]]
-        rows = numbers("imu.path", lines, (None, 8)).tolist()
-        poses = tuple(Pose.from_quaternion(row[1:4], row[4:]) for row in rows)
+        poses = []
+        for row in numbers("imu.path", lines, (None, 8)).tolist():
+            poses.append(Pose.from_quaternion(row[1:4], row[4:]))
         times = tuple(parsed(line[0]) for line in lines)
-        return cls(read(Imu, data["sensor"], "imu"), Trajectory(poses, times, "spline"))
+        return cls(read(Imu, data["sensor"], "imu"), Trajectory(tuple(poses), times, "spline"))

@@ -44,14 +44,30 @@ def key(seed: int, camera: str, frame: Any = None) -> NDArray[np.uint64]:
 
 
 def words(key: NDArray[np.uint64], purpose: int, plane: int, start: int, count: int) -> NDArray[np.uint64]:
-    """Return words (count,) of the pixels from ``start`` on, counted row by row, of a plane."""
+    """Return words (count,) of pixels.
+
+    Args:
+        key: of :func:`key`.
+        purpose: of the numbers, such as :data:`PIXEL`.
+        plane: of the pixels, from 0.
+        start: the first pixel, counted row by row.
+        count: of pixels from there on.
+    """
     skipped = start % 4
     philox = np.random.Philox(key=key, counter=[start // 4, plane, purpose, 0])
     return np.asarray(philox.random_raw(skipped + count)[skipped:])
 
 
 def normals(key: NDArray[np.uint64], purpose: int, plane: int, start: int, count: int) -> NDArray[np.float64]:
-    """Return normal numbers (count,) of mean 0 and variance 1."""
+    """Return normal numbers (count,) of mean 0 and variance 1.
+
+    Args:
+        key: of :func:`key`.
+        purpose: of the numbers, such as :data:`ROW`.
+        plane: of the pixels or rows, from 0.
+        start: the first of them.
+        count: of them from there on.
+    """
     # Of 52 bits: with 53, a number can round to 1, and its quantile is infinite.
     from scipy.special import ndtri  # slow to load
 

@@ -50,6 +50,10 @@ def shading(camera: Camera, by: Shading) -> Floats:
     lenses and sin(theta) / theta for equidistant ones. The pupil of a pinhole camera is flat, which adds a
     cosine to cos^3: cos^4.
 
+    Args:
+        camera: a lens, or a rolling shutter with one.
+        by: ``natural``, the path of a vignette, or a table.
+
     Raises:
         ArgumentError: ``natural`` for a camera that is no lens, or a vignette of another size.
     """
@@ -83,21 +87,30 @@ def _lens(camera: Camera) -> Camera:
 
 def _solid_angles(camera: Camera, pixels: Any) -> Any:
     """Return steradians per square px at pixels (..., 2): by differences, one-sided at the rim."""
+    across = _change_per_px(camera, pixels, np.array([_STEP_PX, 0.0]))
+    down = _change_per_px(camera, pixels, np.array([0.0, _STEP_PX]))
+    return np.linalg.norm(np.cross(across, down), axis=-1)
+
+
+def _change_per_px(camera: Camera, pixels: Any, step: Any) -> Any:
+    """Return how directions change per px at pixels (..., 2) along a step (2,) of ``_STEP_PX``."""
     middle = camera.unproject(pixels).directions
-    sides = []
-    for step in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
-        after, before = (camera.unproject(pixels + sign * np.array(step)).directions for sign in (1, -1))
-        span = 2.0 - np.isnan(after) - np.isnan(before)
-        after, before = (np.where(np.isnan(side), middle, side) for side in (after, before))
-        sides.append((after - before) / (span * _STEP_PX))
-    return np.linalg.norm(np.cross(sides[0], sides[1]), axis=-1)
+    after = camera.unproject(pixels + step).directions
+    before = camera.unproject(pixels - step).directions
+    span = 2.0 - np.isnan(after) - np.isnan(before)
+    after = np.where(np.isnan(after), middle, after)
+    before = np.where(np.isnan(before), middle, before)
+    return (after - before) / (span * _STEP_PX)
 
 
 def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
-    """Return light (H, W, 3) blurred by Gaussian kernels of unit sum; pixels outside the view have no weight.
+    """Return light (H, W, 3) blurred by Gaussian kernels of unit sum.
 
-    Standard deviations, px, are from the image's centre to its corners at equal steps of the radius; between
-    two, both blurred images are blended.
+    Args:
+        light: (H, W, 3).
+        sigmas: standard deviations, px, from the image's centre to its corners at equal steps of the radius;
+            between two, both blurred images are blended.
+        valid: (H, W) the view: pixels outside have no weight.
     """
     import cv2  # slow to load
 
@@ -108,16 +121,15 @@ def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
         if sigma == 0:
             return known
         size = 2 * int(np.ceil(4 * sigma)) + 1
-        total, weights = (
-            cv2.GaussianBlur(image, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
-            for image in (known, weight)
-        )
+        total = cv2.GaussianBlur(known, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
+        weights = cv2.GaussianBlur(weight, (size, size), sigma, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(total / np.maximum(weights, 1e-6)[..., None] * weight[..., None])
 
     if len(sigmas) == 1:
         return blurred(sigmas[0])
     height, width = valid.shape
-    y, x = np.arange(height)[:, None] + 0.5 - height / 2, np.arange(width) + 0.5 - width / 2
+    y = np.arange(height)[:, None] + 0.5 - height / 2
+    x = np.arange(width) + 0.5 - width / 2
     radius = np.hypot(x, y) / np.hypot(width, height) * 2 * (len(sigmas) - 1)
     total = np.zeros_like(light)
     for k, sigma in enumerate(sigmas):
@@ -129,7 +141,10 @@ def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
 def glare(light: Floats, share: float, valid: Mask) -> Floats:
     """Return light (H, W, 3) of which a share is spread evenly over the view.
 
-    Black in a white field becomes the share: the veiling glare index of ISO 9358.
+    Args:
+        light: (H, W, 3).
+        share: what black in a white field becomes: the veiling glare index of ISO 9358.
+        valid: (H, W) the view.
     """
     mean = light[valid].mean(axis=0, dtype=np.float64) if valid.any() else np.zeros(3)
     veil = np.asarray(share * mean, np.float32)
@@ -138,6 +153,10 @@ def glare(light: Floats, share: float, valid: Mask) -> Floats:
 
 def magnified(camera: Camera, share: float) -> Camera:
     """Return a lens with a focal length that is longer by a share, as for another colour.
+
+    Args:
+        camera: with a focal length, or two.
+        share: of the focal length that is added; negative for a shorter one.
 
     Raises:
         ArgumentError: a camera without a focal length.
@@ -150,21 +169,27 @@ def magnified(camera: Camera, share: float) -> Camera:
     focal: dict[str, Any] = {key: described[key] for key in ("fx", "fy") if key in described}
     if not focal and isinstance(camera, Fisheye | Pinhole):
         described.pop("fov_deg", None)
-        focal = {"focal": camera.focal}
+        focal["focal"] = camera.focal
     if not focal:
         raise ArgumentError(f"lateral: expected a lens with a focal length, got {camera.name}; leave it out")
-    return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})
+    for key, value in focal.items():
+        described[key] = value * (1 + share)
+    return from_dict(described)
 
 
 def write_response(path: Path, transfer: str) -> Path:
-    """Write the inverse response of a transfer of :mod:`omniscv.light`, and return the path."""
+    """Write the inverse response of a ``transfer`` of :mod:`omniscv.light` to ``path``, and return it."""
     light = light_of_codes(np.arange(256), transfer)
     return write_text(path, " ".join(f"{value:.9g}" for value in 255 * light / light[-1]) + "\n")
 
 
 def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
-    """Return the vignette (H, W), relative to its largest value, of a grey picture of 8 or 16 bits, which
-    must have the size (H, W) that is given."""
+    """Return the vignette (H, W), relative to its largest value.
+
+    Args:
+        path: a grey picture of 8 or 16 bits.
+        size: (H, W) that it must have, px; None: any.
+    """
     with within(path):
         pixels = foreign.read(path).pixels
     if size is not None and pixels.shape[:2] != size:
@@ -174,7 +199,8 @@ def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
 
 
 def write_vignette(path: Path, shading: Any) -> Path:
-    """Write shares of light (H, W) as 16 bits of the largest, and return the path."""
+    """Write ``shading``, shares of light (H, W), to ``path`` as 16 bits of the largest, and return the
+    path."""
     largest = float(np.max(shading)) or 1.0
     with whole_file(path) as part:
         part.write_bytes(png.encode(np.rint(65535 * np.asarray(shading) / largest).astype(np.uint16)))
@@ -182,6 +208,13 @@ def write_vignette(path: Path, shading: Any) -> Path:
 
 
 def write_times(path: Path, frames: Iterable[tuple[str, int, float]]) -> Path:
-    """Write ``times.txt`` of (name, nanoseconds, exposure in seconds), and return the path."""
-    lines = [f"{name} {decimal(time)} {1e3 * exposure:.9g}\n" for name, time, exposure in frames]
-    return write_text(path, "".join(lines))
+    """Write the ``times.txt`` of frames, and return the path.
+
+    Args:
+        path: the file.
+        frames: name, time in nanoseconds and exposure in seconds of each.
+    """
+    text = ""
+    for name, time_ns, exposure_s in frames:
+        text += f"{name} {decimal(time_ns)} {1e3 * exposure_s:.9g}\n"
+    return write_text(path, text)

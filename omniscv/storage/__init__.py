@@ -47,7 +47,8 @@ def file_at(where: str | Path) -> StoredFile:
         inside, _, name = where.rpartition("/")
         if not name or (inside.endswith("/") and scheme_of(where) != "memory"):
             raise ArgumentError(f"expected the URL of a file, got {shown(str(RemoteFolder(where)))}")
-        return StoredFile(RemoteFolder(inside + "/" if inside.endswith("/") else inside), name)
+        url = f"{inside}/" if inside.endswith("/") else inside
+        return StoredFile(RemoteFolder(url), name)
     path = _local_path(where) if is_url(where) else Path(where)
     return StoredFile(LocalFolder(path.parent), path.name)
 

@@ -43,14 +43,22 @@ class Folder(ABC):
 
     @abstractmethod
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
-        """Return the bytes of a regular file; DamagedFileError if it has more than ``most``, or is a pipe."""
+        """Return the bytes of a regular file.
+
+        Args:
+            name: of the file.
+            most: bytes that it may have; DamagedFileError if it has more, or is a pipe.
+        """
 
     @abstractmethod
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
-        """Write a file, of bytes or of a local file, atomically; return whether this call wrote it.
+        """Write a file atomically; return whether this call wrote it.
 
-        With ``first`` an existing file is never replaced: the first writer wins. Stores that cannot do this
-        in one step look for the file first, and compare its bytes afterwards.
+        Args:
+            name: of the file.
+            content: bytes, or a local file that has them.
+            first: whether an existing file is never replaced, so that the first writer wins. Stores that
+                cannot do this in one step look for the file first, and compare its bytes afterwards.
         """
 
     @abstractmethod
@@ -61,15 +69,23 @@ class Folder(ABC):
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return a local file with the same bytes: the file itself, or a copy in the local cache.
 
-        The copy has the SHA-256 ``checksum``, hexadecimal, and ``size`` bytes at most, else DamagedFileError.
-        Without a checksum it is of the store's present version, and is compared with its size in the store,
-        and with the checksum of its download.
+        Args:
+            name: of the file.
+            checksum: SHA-256 of a copy, hexadecimal; DamagedFileError if it has another. Without a checksum
+                it is of the store's present version, and is compared with its size in the store, and with the
+                checksum of its download.
+            size: bytes that a copy may have; DamagedFileError if it has more.
         """
 
     @abstractmethod
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        """Write the bytes of a file to a local path; DamagedFileError if a store's file has more than
-        ``most``, or without it, another number than the store says."""
+        """Write the bytes of a file to a local path.
+
+        Args:
+            name: of the file.
+            path: that is written.
+            most: bytes that a store's file may have; None: those that the store says. Else DamagedFileError.
+        """
 
     @abstractmethod
     def below(self, name: str) -> "Folder":
@@ -84,6 +100,10 @@ class Folder(ABC):
         """Return the results of a function that uses the folder's files, for every item, in order.
 
         Requests to a store overlap; files of a local folder are processed on all cores.
+
+        Args:
+            function: is called with each item, in threads.
+            items: such as names of files.
         """
         if self.local is not None or len(items) < 2:
             return side_by_side(function, items)
@@ -93,18 +113,22 @@ class Folder(ABC):
     def remove_files(self, names: Sequence[str]) -> None:
         """Remove files, and the local inner folders that are empty then."""
         self.each(self.remove, names)
-        inner = {str(parent) for name in names for parent in PurePosixPath(name).parents} - {"."}
-        if self.local is not None:
-            for name in sorted(inner, reverse=True):  # folders before those that they are in
-                with suppress(OSError):  # it holds something else
-                    (self.local / name).rmdir()
+        if self.local is None:
+            return
+        inner: set[str] = set()
+        for name in names:
+            inner.update(map(str, PurePosixPath(name).parents))
+        inner.discard(".")
+        for name in sorted(inner, reverse=True):  # folders before those that they are in
+            with suppress(OSError):  # it holds something else
+                (self.local / name).rmdir()
 
 
 def is_name(name: object) -> bool:
     """Return whether a text names a file or folder below another."""
-    return (
-        isinstance(name, str) and not {"\0", "\\"} & set(name) and not {"", ".", ".."} & set(name.split("/"))
-    )
+    if not isinstance(name, str) or "\0" in name or "\\" in name:
+        return False
+    return not {"", ".", ".."} & set(name.split("/"))
 
 
 def checked_name(name: str) -> str:

@@ -18,19 +18,23 @@ from omniscv.errors import ArgumentError
 
 MOST_YAML_BYTES = yaml_text.MOST_BYTES
 MOST_JSON_BYTES = 1 << 26
-MOST_PICTURE_BYTES = 1 << 30
 """Of records of one frame; a list of many frames may have more."""
-
+MOST_PICTURE_BYTES = 1 << 30
 
 encoding_of = yaml_text.encoding_of
 
 
 def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> BufferedReader:
-    """Open a regular file to read: no folder, device or pipe, which may have no end, and with ``links`` off
-    no symbolic link, which may lead anywhere.
+    """Open a regular file to read: no folder, device or pipe, which may have no end.
 
-    FileNotFoundError: nothing has that name. ArgumentError: it cannot be read, or has more than ``most``
-    bytes.
+    Args:
+        path: the file.
+        links: whether it may be a symbolic link, which may lead anywhere.
+        most: bytes that it may have.
+
+    Raises:
+        FileNotFoundError: nothing has that name.
+        ArgumentError: it cannot be read, is no regular file, or has more bytes.
     """
     if not links and path.is_symlink():
         raise ArgumentError("expected a regular file, got a link")
@@ -39,8 +43,8 @@ def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> Buf
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as cause:  # ValueError: a NUL in the name
-        got = getattr(cause, "strerror", None) or str(cause)
-        raise ArgumentError(f"expected a readable file, got {got}") from cause
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise ArgumentError(f"expected a readable file, got {reason}") from cause
     status = os.fstat(opened)
     if stat.S_ISREG(status.st_mode) and status.st_size <= most:
         return os.fdopen(opened, "rb")
@@ -55,17 +59,25 @@ _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def named_file(folder: Path, name: str) -> Path:
-    """Return the path of a name that a file or a user has; letters on disk may be composed otherwise, as
-    macOS writes them."""
+    """Return the path of a file in a folder; letters on disk may be composed otherwise, as macOS writes them.
+
+    Args:
+        folder: where it is.
+        name: as another file or a user has it.
+    """
     path = folder / name
     if name.isascii() or path.exists():
         return path
-    others = (folder / unicodedata.normalize(form, name) for form in ("NFC", "NFD"))
-    return next((other for other in others if other.exists()), path)
+    for form in ("NFC", "NFD"):
+        other = folder / unicodedata.normalize(form, name)
+        if other.exists():
+            return other
+    return path
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file; ArgumentError if it cannot be read, or has more than ``most``."""
+    """Return the bytes of a regular file at ``path``; ArgumentError if it cannot be read, or has more than
+    ``most`` bytes."""
     try:
         with open_regular(path, most=most) as file:
             return file.read()
@@ -74,10 +86,15 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
-    """Return the value of a JSON document, as :func:`decode_text`.
+    """Return the value of a JSON document.
 
-    ArgumentError for more than ``most`` bytes, no JSON (NaN and infinity are none), one nested too deeply, a
-    number of too many digits, or a text that is no Unicode.
+    Args:
+        data: its bytes, in the encodings of :func:`decode_text`.
+        most: bytes that it may have.
+
+    Raises:
+        ArgumentError: more bytes, no JSON (NaN and infinity are none), one nested too deeply, a number of too
+            many digits, or a text that is no Unicode.
     """
     if len(data) > most:
         raise ArgumentError(f"expected JSON of at most {most} bytes, got {len(data)}")
@@ -98,8 +115,12 @@ def _no_number(word: str) -> NoReturn:
 
 
 def decode_text(data: bytes, errors: str = "strict") -> str:
-    """Return text in UTF-8, with a mark or without, or in UTF-16 with one; ArgumentError for other bytes,
-    unless ``errors`` is ``replace``, where only comments can be in others."""
+    """Return the text of bytes.
+
+    Args:
+        data: UTF-8, with a byte-order mark or without, or UTF-16 with one.
+        errors: ``strict``: ArgumentError for other bytes; ``replace``, where only comments can have others.
+    """
     try:
         return yaml_text.decoded(data, errors)
     except ValueError as cause:
@@ -107,8 +128,8 @@ def decode_text(data: bytes, errors: str = "strict") -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file of YAML, JSON or XML, as :func:`decode_text`, of ``MOST_YAML_BYTES`` at
-    most."""
+    """Return the text of a file of YAML, JSON or XML, of at most ``MOST_YAML_BYTES``; see
+    :func:`decode_text`."""
     try:
         return yaml_text.read_text(path)
     except ValueError as cause:

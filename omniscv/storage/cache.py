@@ -26,15 +26,15 @@ Download = Callable[[Path], None]
 _SUM = ".sha256"
 _LIMIT_GB = 50.0
 _KEPT_S = 24 * 3600.0
-# a file whose time is that of the last clean-up
-_CLEANED = ".cleaned"
+_CLEANED = ".cleaned"  # a file whose time is that of the last clean-up
 _CLEANED_EVERY_S = 3600.0
 _KEY = re.compile("[0-9a-f]{64}")
 
 
 def folder() -> Path:
     """Return the cache: ``OMNISCV_CACHE``, or ``omniscv`` in the user's folder of caches."""
-    if path := os.environ.get("OMNISCV_CACHE"):
+    path = os.environ.get("OMNISCV_CACHE")
+    if path:
         return Path(path)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "omniscv"
 
@@ -46,15 +46,18 @@ def copy_of(
 
     Args:
         key: 64 hexadecimal digits, of the file's bytes, or of its URL and version.
-        name, shown: of the file, and in messages.
+        name: of the file.
         download: see :data:`Download`.
         checksum: SHA-256 of the bytes; if it is empty, that of the first download is kept beside the copy.
         size: in the store, bytes; a copy of another size is downloaded again. None if it is not known.
+        shown: what messages call the file.
     """
     path = folder() / key[:2] / key / name.rpartition("/")[2]
     sums = path.with_name(path.name + _SUM)
     with storage_errors(path):
-        expected = checksum or (sums.read_text("ascii", "replace") if sums.exists() else "")
+        expected = checksum
+        if not checksum and sums.exists():
+            expected = sums.read_text("ascii", "replace")
         if expected and _digest(path) == expected and size in (None, path.stat().st_size):
             return path
         with whole_file(path) as part:
@@ -88,8 +91,13 @@ def _make_room() -> None:
     if mark.exists() and now - mark.stat().st_mtime < _CLEANED_EVERY_S:
         return
     mark.touch()
-    copies = [_last_use(copy) for copy in folder().glob("??/*") if _KEY.fullmatch(copy.name)]
-    size = sum(nbytes for _, nbytes, _ in copies)
+    copies = []
+    size = 0
+    for copy in folder().glob("??/*"):
+        if _KEY.fullmatch(copy.name):
+            used, nbytes = _last_use(copy)
+            copies.append((used, nbytes, copy))
+            size += nbytes
     for used, nbytes, copy in sorted(copies):
         if size <= 1e9 * limit_gb or now - used < _KEPT_S:
             return
@@ -97,10 +105,13 @@ def _make_room() -> None:
         size -= nbytes
 
 
-def _last_use(copy: Path) -> tuple[float, int, Path]:
-    """Return the time of a copy's last use, its bytes, and its folder."""
-    stats = []
+def _last_use(copy: Path) -> tuple[float, int]:
+    """Return the time of a copy's last use, seconds since 1970, and its bytes."""
+    used = 0.0
+    nbytes = 0
     for file in copy.iterdir():
         with suppress(FileNotFoundError):
-            stats.append(file.stat())
-    return max((stat.st_mtime for stat in stats), default=0.0), sum(stat.st_size for stat in stats), copy
+            stat = file.stat()
+            used = max(used, stat.st_mtime)
+            nbytes += stat.st_size
+    return used, nbytes

@@ -32,10 +32,13 @@ _NO_LOCKS = (
 )  # fmt: skip
 """With which file systems say that they lock nothing: Lustre, NFS, and those in user space."""
 _BUSY = (errno.EAGAIN, errno.EACCES)
-_LOCK_WAIT_S = 3600.0
-_FIRST_LINE_S = 10.0
-_LINES_EVERY_S = 60.0
-_POLL_S = 0.05
+
+# While a folder is locked by another process, seconds:
+_LOCK_WAIT_S = 3600.0  # until it is an error
+_FIRST_LINE_S = 10.0  # until a line says so
+_LINES_EVERY_S = 60.0  # until the next line
+_POLL_S = 0.05  # from one attempt to the next, at most
+
 _MOST_SCRATCH_FOLDERS = 100  # that are made in vain
 _log = logging.getLogger("omniscv")
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
@@ -69,6 +72,7 @@ class LocalFolder(Folder):
         return sorted(name for name in names if name.startswith(prefix))
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
+        """As :meth:`Folder.read`: the file ``name``, of at most ``most`` bytes."""
         path = self.path / checked_name(name)
         try:
             with storage_errors(path), open_regular(path, most=most) as file:
@@ -77,7 +81,8 @@ class LocalFolder(Folder):
             raise DamagedFileError(f"{path}: {fault.message}") from fault
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
-        """Write a temporary file and rename it; with ``first`` link it, which never replaces a file."""
+        """As :meth:`Folder.put`: ``content`` goes to a temporary file, which is renamed to ``name``; with
+        ``first`` it is linked, which never replaces a file."""
         if first and self.exists(name):
             return False
         path = self.path / checked_name(name)
@@ -92,18 +97,21 @@ class LocalFolder(Folder):
         return True
 
     def remove(self, name: str) -> None:
-        with storage_errors(path := self.path / checked_name(name)):
+        path = self.path / checked_name(name)
+        with storage_errors(path):
             path.unlink(missing_ok=True)
 
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
-        """Return the file itself, unread."""
+        """Return the file ``name`` itself, unread, so that ``checksum`` and ``size`` do not matter."""
         path = self.path / checked_name(name)
         if not self.exists(name):
             raise MissingFileError(f"{path}: expected a file, it is missing")
         return path
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        with storage_errors(source := self.path / checked_name(name)):
+        """As :meth:`Folder.copy`: from ``name`` to ``path``; ``most`` does not matter."""
+        source = self.path / checked_name(name)
+        with storage_errors(source):
             shutil.copyfile(source, path)
 
     def below(self, name: str) -> "LocalFolder":
@@ -136,14 +144,14 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all, and return the path."""
+    """Write ``content`` to a file, whole or not at all, and return the path."""
     with whole_file(path) as part:
         part.write_bytes(content)
     return path
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text as UTF-8, as :func:`write_bytes`."""
+    """Write a text as UTF-8 to ``path``, whole or not at all, and return the path."""
     return write_bytes(path, text.encode())
 
 
@@ -158,7 +166,7 @@ def remove_parts(path: Path) -> None:
 
 @contextmanager
 def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
-    """Yield a new, empty folder ``PREFIX`` + token in ``parent``, and remove it at the end.
+    """Yield a new, empty folder in ``parent``, named ``prefix`` and a token, and remove it at the end.
 
     It is locked until then, so that :func:`remove_scratch` of another process or thread skips it. One that
     was removed before it was locked is replaced by another; StorageError if that happens every time.
@@ -176,8 +184,8 @@ def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
                 shutil.rmtree(folder, ignore_errors=True)
             return
     wanted = f"expected a new folder {prefix}* that can be locked"
-    got = f"got {_MOST_SCRATCH_FOLDERS} that another program locked or removed at once"
-    raise StorageError(f"{parent}: {wanted}, {got}; end it, or write elsewhere")
+    failures = f"{_MOST_SCRATCH_FOLDERS} that another program locked or removed at once"
+    raise StorageError(f"{parent}: {wanted}, got {failures}; end it, or write elsewhere")
 
 
 def remove_scratch(parent: Path, prefix: str) -> None:
@@ -318,7 +326,8 @@ def folder_beside(target: Path) -> Iterator[Path]:
 
 
 def replace_folder(part: Path, target: Path) -> None:
-    """Rename a folder to ``target``, in place of the folder that has the name; the last of several wins."""
+    """Rename the folder ``part`` to ``target``, in place of the folder that has the name; the last of several
+    processes wins."""
     with locked(target.parent):
         shutil.rmtree(target, ignore_errors=True)
         part.replace(target)
@@ -336,18 +345,25 @@ def storage_errors(path: Path | str) -> Iterator[None]:
 
 
 def refusal(cause: OSError, path: Path | str | None = None) -> str:
-    """Return an OSError in one line that names the file, if known, and what helps."""
-    path = path or cause.filename2 or cause.filename  # of a copy or a move: its target
-    got = cause.strerror or str(cause)
+    """Return an OSError in one line that names the file, if known, and what helps.
+
+    Args:
+        cause: the error.
+        path: of the file; None: that of the error, of a copy or a move its target.
+    """
+    path = path or cause.filename2 or cause.filename
+    reason = cause.strerror or str(cause)
     if isinstance(cause, FileExistsError):  # of mkdir
-        got = "a file" if os.path.isfile(path or "") else got
-        return f"{path}: expected a folder or a free name, got {got}"
-    advice = "; free space there, and run again" if cause.errno in NO_SPACE else ""
-    return f"{path}: expected to read or write it, got: {got}{advice}" if path else f"{got}{advice}"
+        if os.path.isfile(path or ""):
+            reason = "a file"
+        return f"{path}: expected a folder or a free name, got {reason}"
+    if cause.errno in NO_SPACE:
+        reason += "; free space there, and run again"
+    return f"{path}: expected to read or write it, got: {reason}" if path else reason
 
 
 def move_new(part: Path, path: Path) -> bool:
-    """Give a complete temporary file its path; return False if the path exists."""
+    """Give the complete temporary file ``part`` its path; return False if the path exists."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -371,5 +387,7 @@ def _create(part: Path, path: Path) -> bool:
 def last_line(output: IO[bytes]) -> str:
     """Return the beginning of the last line of a file of text, such as a program's output."""
     output.seek(max(0, output.seek(0, os.SEEK_END) - _LAST_BYTES))
-    lines = output.read().decode(errors="replace").split("\n")
-    return next((shown(line.strip())[1:-1] for line in reversed(lines) if line.strip()), "nothing")
+    for line in reversed(output.read().decode(errors="replace").split("\n")):
+        if line.strip():
+            return shown(line.strip())[1:-1]
+    return "nothing"

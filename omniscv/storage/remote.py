@@ -35,15 +35,12 @@ _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 _ATTEMPTS = 7
-_FIRST_WAIT_S = 0.05
-_PATIENCE_S = 20.0
-_ANSWER_S = 8.0
-_LISTING_S = 60.0
-"""Seconds after which no attempt starts; seconds for an attempt of a request, and of a listing, which is many
-requests. The packages of some stores retry within an attempt."""
-_SLOWEST = 1e5
-_SMALL = 1 << 20
-"""Bytes a second for which an attempt gets more time; bytes of a file that is read in one request."""
+_FIRST_WAIT_S = 0.05  # doubled before each further attempt
+_PATIENCE_S = 20.0  # after which no attempt starts
+_ANSWER_S = 8.0  # for an attempt of a request; the packages of some stores retry within it
+_LISTING_S = 60.0  # for an attempt of a listing, which is many requests
+_SLOWEST = 1e5  # bytes a second, for which an attempt gets more time
+_SMALL = 1 << 20  # bytes of a file that is read in one request
 _S3_CLIENT = {
     "connect_timeout": _ANSWER_S,
     "read_timeout": _ANSWER_S,
@@ -67,7 +64,9 @@ class RemoteFolder(Folder):
     url: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
+        stripped = self.url.rstrip("/")
+        if "://" in stripped:
+            object.__setattr__(self, "url", stripped)
         if without_secrets(self.url) != self.url or "?" in self.url or "#" in self.url:
             shown = re.split("[?#]", without_secrets(self.url))[0]
             advice = "set credentials and options in the store's settings"
@@ -91,6 +90,7 @@ class RemoteFolder(Folder):
         inner = prefix.rpartition("/")[0]
 
         def find(fs: Any, start: str, **limits: float) -> list[str]:
+            """Return the paths below ``start`` in the file system ``fs``."""
             fs.invalidate_cache()
             return [str(path) for path in fs.find(start, **limits)]
 
@@ -99,11 +99,17 @@ class RemoteFolder(Folder):
         except MissingFileError:  # some stores have folders
             return []
         root = self._opened("")[1].rstrip("/")
-        names = (path[len(root) :].lstrip("/") for path in paths)
-        seen = [name for name in names if is_name(name) and "/." not in f"/{name}"]
-        return sorted(name for name in seen if name.startswith(prefix))
+        names = []
+        for path in paths:
+            name = path[len(root) :].lstrip("/")
+            is_hidden = "/." in f"/{name}"
+            if is_name(name) and not is_hidden and name.startswith(prefix):
+                names.append(name)
+        return sorted(names)
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
+        """As :meth:`Folder.read`: the file ``name``, of at most ``most`` bytes; a small one in one
+        request."""
         with TemporaryDirectory(prefix="omniscv-") as folder:
             path = Path(folder) / "file"
             try:
@@ -117,7 +123,8 @@ class RemoteFolder(Folder):
             return path.read_bytes()
 
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
-        """Write a file in one request, or in parts that the store joins at the end."""
+        """As :meth:`Folder.put`: ``content`` goes to ``name`` in one request, or in parts that the store
+        joins at the end; with ``first`` an existing file stays."""
         if first and self.exists(name):
             return False
         options = {"mode": "create"} if first and self._writes_once() else {}
@@ -125,6 +132,7 @@ class RemoteFolder(Folder):
         attempts = 0
 
         def write(fs: Any, path: str, **limits: float) -> None:
+            """Write the content to ``path`` in the file system ``fs``."""
             nonlocal attempts
             attempts += 1
             if isinstance(content, bytes):
@@ -148,7 +156,8 @@ class RemoteFolder(Folder):
                 self._retry(name, lambda fs, path, **limits: fs.rm_file(path, **limits))
 
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
-        """Return a copy in the local cache, compared with its checksum at every call."""
+        """Return a copy of ``name`` in the local cache, compared at every call with ``checksum``, of at most
+        ``size`` bytes; see :meth:`Folder.fetch`."""
         where = f"{self}/{checked_name(name)}"
         if checksum:
             download = partial(self._download, name, most=size)
@@ -162,6 +171,7 @@ class RemoteFolder(Folder):
         return cache.copy_of(key, name, lambda path: self._copy(name, path, nbytes), size=nbytes)
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
+        """As :meth:`Folder.copy`: from ``name`` to ``path``, at most ``most`` bytes."""
         if most is None:
             self._copy(name, path, _size_in(self._info(name) or {}))
         else:
@@ -170,14 +180,16 @@ class RemoteFolder(Folder):
     def _copy(self, name: str, path: Path, size: int | None) -> None:
         """Write the bytes of a file to a local path; DamagedFileError if they are not as many as ``size``."""
         self._download(name, path, sys.maxsize if size is None else size)
-        if size is not None and (got := path.stat().st_size) != size:
-            raise DamagedFileError(f"{self}/{name}: expected {size} bytes, got {got}")
+        nbytes = path.stat().st_size
+        if size is not None and nbytes != size:
+            raise DamagedFileError(f"{self}/{name}: expected {size} bytes, got {nbytes}")
 
     def _download(self, name: str, path: Path, most: int) -> None:
         """Write the bytes of a file, ``most`` at most, to a local path."""
         seconds = _ANSWER_S + min(most, MOST_BYTES) / _SLOWEST
 
         def download(fs: Any, stored: str, **limits: float) -> None:
+            """Write ``stored`` of the file system ``fs`` to the path."""
             fs.get_file(stored, str(path), callback=_bound(f"{self}/{name}", most), **limits)
 
         self._retry(checked_name(name), download, seconds)
@@ -198,17 +210,18 @@ class RemoteFolder(Folder):
             from fsspec.config import conf
             from fsspec.core import url_to_fs
 
-            s3 = scheme_of(self.url) == "s3"
-            configured = conf.get("s3", {}).get("config_kwargs", {})
-            fs, root = url_to_fs(self.url, **({"config_kwargs": _S3_CLIENT | configured} if s3 else {}))
-            if s3:
+            if scheme_of(self.url) == "s3":
+                configured = conf.get("s3", {}).get("config_kwargs", {})
+                fs, root = url_to_fs(self.url, config_kwargs=_S3_CLIENT | configured)
                 fs.retries = 1
+            else:
+                fs, root = url_to_fs(self.url)
         except ImportError as cause:
             wanted = f"expected the packages of this store ({without_secrets(cause)})"
             raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud], and gcsfs for gs://") from cause
         except ValueError as cause:
-            got = without_secrets(cause)
-            raise ArgumentError(f"{self}: expected the URL of a store, got: {got}") from cause
+            reason = without_secrets(cause)
+            raise ArgumentError(f"{self}: expected the URL of a store, got: {reason}") from cause
         return fs, str(root)
 
     def _info(self, name: str) -> dict[str, Any] | None:
@@ -218,6 +231,7 @@ class RemoteFolder(Folder):
         """
 
         def read(fs: Any, path: str, **limits: float) -> dict[str, Any]:
+            """Return what the file system ``fs`` says about ``path``."""
             fs.invalidate_cache()
             return dict(fs.info(path, **limits))
 
@@ -237,7 +251,8 @@ class RemoteFolder(Folder):
     def _writes_once(self) -> bool:
         """Return whether the store can refuse to replace a file, as S3 does by ``If-None-Match``."""
         protocol = self._opened("")[0].protocol
-        return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
+        names = (protocol,) if isinstance(protocol, str) else protocol
+        return any(name in ("s3", "gs", "memory") for name in names)
 
     def _retry(self, name: str, action: Callable[..., T], seconds: float = _ANSWER_S) -> T:
         """Return the result of an action on the file system, a path in it, and options that bound the time of
@@ -283,18 +298,19 @@ def _bound(where: str, most: int) -> Any:
 
 
 def _failure(where: str, cause: Exception, seconds: float, *, is_final: bool) -> StorageError:
-    got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
+    """Return the error of a request to ``where`` that failed, or was not answered within ``seconds``."""
+    reason = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
     number = getattr(cause, "errno", None)
     advice = ""
     if isinstance(cause, TimeoutError):
-        got = f"no answer in {seconds:.0f} s"
+        reason = f"no answer in {seconds:.0f} s"
     if number in NO_SPACE:
         advice = "; free space there, and run again"
     # Amazon answers 400 to an expired token, without a reason where it sends no body.
-    if isinstance(cause, PermissionError) or got == "Bad Request" or "credentials" in got.lower():
+    if isinstance(cause, PermissionError) or reason == "Bad Request" or "credentials" in reason.lower():
         advice = _REFUSED
     error = StoreRefusedError if is_final else StorageError
-    return error(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
+    return error(f"{where}: expected to read or write it, got: {without_secrets(reason)}{advice}")
 
 
 def is_url(text: object) -> TypeGuard[str]:
@@ -304,7 +320,10 @@ def is_url(text: object) -> TypeGuard[str]:
 
 def was_url(path: object) -> bool:
     """Return whether a Path was made from a URL, which loses a slash: ``s3:/bucket/rooms``."""
-    return isinstance(path, Path) and path.parts[:1] in {(f"{scheme}:",) for scheme in SCHEMES}
+    if not isinstance(path, Path) or not path.parts:
+        return False
+    scheme, colon, more = path.parts[0].partition(":")
+    return scheme in SCHEMES and bool(colon) and not more
 
 
 def scheme_of(url: str) -> str:
