@@ -66,7 +66,10 @@ class Report:
     written: Sequence[Path] = ()
 
     def write(self, name: str, out: Path) -> list[Path]:
-        """Write ``NAME.json`` and ``NAME.csv`` into a folder; return all files of the report."""
+        """Write ``NAME.json`` and ``NAME.csv`` of an evaluation into the folder ``out``.
+
+        ``name`` is that of the evaluation. Returns all files of the report.
+        """
         content: dict[str, Any] = {"evaluation": name, "figures": list(map(asdict, self.figures))}
         content |= {"about": dict(self.about), "raw": list(map(dict, self.rows))}
         as_json = out / f"{name}.json"
@@ -118,7 +121,7 @@ def run(name: str, settings: Settings) -> Report:
 
 @contextmanager
 def chart(path: Path, width: int, height: int) -> Iterator[figure.Figure]:
-    """Yield an empty drawing of a size in px, and write it as a PNG at the end."""
+    """Yield an empty drawing of ``width`` by ``height`` px, and write it to ``path`` as a PNG at the end."""
     drawing = figure.Figure(figsize=(width / 100, height / 100), dpi=100, layout="constrained")
     yield drawing
     with whole_file(path) as part:

@@ -6,7 +6,7 @@ algorithm knows only the picture, its middle and the model. The paper's section 
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,7 +70,7 @@ _QUICK = Extent(384, (0.6, 1.0, 1.4), 1)
 def evaluate(settings: Settings) -> Report:
     """Calibrate, and compare with the truth; all images show a source that is given."""
     extent = _QUICK if settings.quick else _FULL
-    cases = [(model, value) for model in models(extent.unit_px).values() for value in extent.values]
+    cases = list(product(models(extent.unit_px).values(), extent.values))
     steps = chain(_from_points(cases, extent), _from_images(cases, extent, settings.source))
     rows = list[Row]()
     for done, estimates in enumerate(steps, start=1):
@@ -92,15 +92,28 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
 
 
 def means_of(rows: Sequence[Row], source: str, model: str) -> Array:
-    """Return (V, 3) r_vl, mean and standard deviation of its estimates, in units; NaN where one failed."""
-    mine = [row for row in rows if row["input"] == source and row["model"] == model]
-    values = dict.fromkeys(row["r_vl"] for row in mine)
-    estimates = [[row["estimate"] for row in mine if row["r_vl"] == value] for value in values]
-    return np.array([(v, np.mean(of_v), np.std(of_v)) for v, of_v in zip(values, estimates, strict=True)])
+    """Return (V, 3) r_vl, mean and standard deviation of its estimates, in units; NaN where one failed.
+
+    Args:
+        rows: of all estimates.
+        source: the kind of input: ``exact``, ``noisy`` or ``rendered``.
+        model: its name.
+    """
+    estimates: dict[float, list[float]] = {}
+    for row in rows:
+        if row["input"] == source and row["model"] == model:
+            estimates.setdefault(row["r_vl"], []).append(row["estimate"])
+    means = []
+    for r_vl, of_r_vl in estimates.items():
+        means.append((r_vl, np.mean(of_r_vl), np.std(of_r_vl)))
+    return np.array(means)
 
 
 def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
-    """Return points, (60, 2) px from the image's middle, of eight lines that a camera sees."""
+    """Return points, (60, 2) px from the image's middle, of eight lines that a ``camera`` sees.
+
+    The planes of the lines are drawn by ``rng``.
+    """
     lines = list[Array]()
     while len(lines) < _LINES:
         normal = rng.normal(size=3)
@@ -121,9 +134,20 @@ def line_points(camera: Camera, rng: np.random.Generator) -> list[Array]:
 def calibrate_image(
     renderer: Renderer, camera: Camera, pose: Pose, model: LineImages, extent: Extent, options: RenderOptions
 ) -> float:
-    """Return r_vl, px, from a rendered image. Of the camera only the image's middle is used."""
+    """Return r_vl, px, from a rendered image. Of the camera only the image's middle is used.
+
+    Args:
+        renderer: of the scene.
+        camera: of the image.
+        pose: of the camera, world frame.
+        model: of the camera.
+        extent: sizes, and bounds of r_vl.
+        options: of the image.
+    """
     image = renderer.render(camera, pose, ("lit",), options)
-    chains = [chain - camera.center for chain in find_edges(image["lit"], image.valid)]
+    chains = []
+    for pixels in find_edges(image["lit"], image.valid):
+        chains.append(pixels - camera.center)
     lines = group_by_line(chains, model, extent.sought, int(_LEAST_SHARE * extent.unit_px))
     return calibrate(lines, model, *extent.sought)
 
@@ -135,7 +159,9 @@ def _from_points(cases: Sequence[tuple[LineImages, float]], extent: Extent) -> I
         rows = []
         for image in range(extent.images):
             exact = line_points(model.camera(2 * extent.unit_px, value * extent.unit_px), rng)
-            noisy = [points + NOISE_PX * rng.normal(size=points.shape) for points in exact]
+            noisy = []
+            for points in exact:
+                noisy.append(points + NOISE_PX * rng.normal(size=points.shape))
             for source, lines in (("exact", exact), ("noisy", noisy)):
                 estimate = calibrate(lines, model, *extent.sought)
                 rows.append(_row(source, model, value, image, estimate, extent))
@@ -158,8 +184,11 @@ def _from_images(
 
 
 def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
-    """Return the pose in which the image's middle sees in a direction of yaw, pitch and roll, degrees: that
-    of mirrors is backwards."""
+    """Return the pose of a ``camera``, world frame, in which the image's middle sees in a given direction.
+
+    ``position`` is in metres, ``angles`` are yaw, pitch and roll of the direction, degrees. The middle of a
+    mirror's image sees backwards.
+    """
     yaw, pitch, roll = angles
     if camera.unproject(camera.center + 0.5).directions[2] < 0:
         yaw = yaw + 180
@@ -175,27 +204,25 @@ def _row(source: str, model: LineImages, value: float, image: int, estimate: flo
 
 
 def draw(rows: Sequence[Row], path: Path) -> Path:
-    """Draw the paper's plot for rendered images: estimated over true r_vl, and the error; return the path.
+    """Draw the paper's plot for rendered images: estimated over true r_vl, and the error; return ``path``.
 
-    Dots are means of a value's images, bars their standard deviations.
+    Dots are means of a value's images, bars their standard deviations. ``rows`` are those of all estimates.
     """
     rendered = [row for row in rows if row["input"] == "rendered"]
     names = list(dict.fromkeys(row["model"] for row in rendered))
-    images = 1 + max(row["image"] for row in rendered)
-    worst = max((figure.value for figure in figures(rendered)), key=lambda value: (np.isnan(value), value))
+    values = [row["r_vl"] for row in rendered]
+    ends = [min(values) - 0.1, max(values) + 0.1]
     with chart(path, 1000, 480) as drawing:
         axes, errors = drawing.subplots(1, 2, width_ratios=(1, 1.15))
-        values = [row["r_vl"] for row in rendered]
-        ends = [min(values) - 0.1, max(values) + 0.1]
         axes.plot(ends, ends, color=INK, lw=1, label="truth")
         errors.axhspan(-_TOLERANCE_PERCENT, _TOLERANCE_PERCENT, color="#9aa3b2", alpha=0.2, lw=0)
         errors.axhline(0, color=INK, lw=1)
-        for i, name in enumerate(names):
+        for number, name in enumerate(names):
             true, mean, spread = means_of(rows, "rendered", name).T
-            style: dict[str, Any] = {"color": COLORS[i], "marker": _MARKERS[i], "ms": 5, "ls": ""}
+            style: dict[str, Any] = {"color": COLORS[number], "marker": _MARKERS[number], "ms": 5, "ls": ""}
             style |= {"capsize": 2, "elinewidth": 1}
             axes.errorbar(true, mean, spread, label=name, **style)
-            shifted = true + 0.008 * (i - (len(names) - 1) / 2)
+            shifted = true + 0.008 * (number - (len(names) - 1) / 2)
             errors.errorbar(shifted, 100 * (mean / true - 1), 100 * spread / true, **style)
         unit = "image circle's radius"
         axes.set(xlabel=f"true $r_{{vl}}$ / {unit}", ylabel=f"estimated $r_{{vl}}$ / {unit}", aspect="equal")
@@ -204,8 +231,17 @@ def draw(rows: Sequence[Row], path: Path) -> Path:
         axes.legend(fontsize=8)
         for panel in (axes, errors):
             panel.grid(True, lw=0.4, alpha=0.5)
-        finding = f"Lines in rendered rooms give r_vl within {worst:.1f} % for {len(names)} camera models"
-        if not np.isfinite(worst):
-            finding = "Lines in rendered images do not give r_vl everywhere"
-        drawing.suptitle(f"{finding}\n({images} image{'s' * (images > 1)} a value)", size=11)
+        drawing.suptitle(_title(rendered, len(names)), size=11)
     return path
+
+
+def _title(rendered: Sequence[Row], model_count: int) -> str:
+    """Return the title of the chart: the largest error, and the number of images a value."""
+    images = 1 + max(row["image"] for row in rendered)
+    largest = [figure.value for figure in figures(rendered)]
+    worst = max(largest, key=lambda value: (np.isnan(value), value))
+    finding = f"Lines in rendered rooms give r_vl within {worst:.1f} % for {model_count} camera models"
+    if not np.isfinite(worst):
+        finding = "Lines in rendered images do not give r_vl everywhere"
+    counted = f"{images} images" if images > 1 else f"{images} image"
+    return f"{finding}\n({counted} a value)"

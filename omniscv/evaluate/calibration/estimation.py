@@ -23,6 +23,7 @@ chain.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import cv2
@@ -56,8 +57,10 @@ class LineImages:
 
     Attributes:
         name: the paper's.
-        model, parameters: of the camera, :func:`omniscv.cameras.create`; parameters by r_vl, px.
-        formula, derivative: of alpha / r_vl, by s.
+        model: of the camera, for :func:`omniscv.cameras.create`.
+        parameters: of the camera, by r_vl, px.
+        formula: alpha / r_vl, by s and r_vl.
+        derivative: of the formula by s.
         widest: the s that radii are below.
     """
 
@@ -69,11 +72,11 @@ class LineImages:
     widest: float = np.inf
 
     def alpha(self, r: Array, r_vl: Array | float) -> Array:
-        """Return alpha, px, NaN where the model has no radius r, px; arguments are broadcast."""
+        """Return alpha, px, NaN where the model has no radius ``r``; ``r`` and ``r_vl`` are px, broadcast."""
         return np.asarray(r_vl * self.formula(self._relative(r, r_vl), np.asarray(r_vl)))
 
     def slope(self, r: Array, r_vl: Array | float) -> Array:
-        """Return the derivative of :meth:`alpha` by r."""
+        """Return the derivative of :meth:`alpha` by ``r``; ``r``, ``r_vl`` are px, and broadcast."""
         return np.asarray(self.derivative(self._relative(r, r_vl), np.asarray(r_vl)))
 
     def camera(self, size: int, r_vl: float) -> Camera:
@@ -88,7 +91,8 @@ class LineImages:
 
         Args:
             points: (..., 3, 2) px from the image's middle.
-            low, high: px, bounds of r_vl.
+            low: px, the least r_vl.
+            high: px, the greatest r_vl.
 
         Returns:
             (...) px; NaN where there is none.
@@ -175,6 +179,8 @@ class PointsOnLines:
     def fit(self, model: LineImages, r_vl: float) -> tuple[Array, Array]:
         """Fit each line's normal to its points, by least squares of Sampson's distances.
 
+        ``model`` is that of the camera, with ``r_vl``, px.
+
         Returns:
             (L, 3) unit normals, and (N,) px distances of the points from the line images, at most the cap,
             which stands where the model has no such radius.
@@ -201,20 +207,30 @@ class PointsOnLines:
 
 
 def calibrate(groups: Sequence[Array], model: LineImages, low: float, high: float) -> float:
-    """Return r_vl, px, by points of lines, (N_i, 2) px from the image's middle, of which curves that are no
-    lines are left out, and bounds of it; NaN if no line depends on r_vl."""
+    """Return r_vl, px, by points of lines; NaN if no line depends on it.
+
+    Args:
+        groups: (N_i, 2) px from the image's middle, the points of each line; curves that are no lines are
+            left out.
+        model: of the camera.
+        low: px, the least r_vl.
+        high: px, the greatest r_vl.
+    """
     if not groups:
         return float("nan")
     points = PointsOnLines(groups)
     candidates = np.geomspace(low, high, _CANDIDATES)
-    costs = [float((points.fit(model, candidate)[1] ** 2).sum()) for candidate in candidates]
+    costs = []
+    for candidate in candidates:
+        _, distances = points.fit(model, candidate)
+        costs.append(float((distances**2).sum()))
     r_vl = float(candidates[np.argmin(costs)])
     for _ in range(_PASSES):
         normals, distances = points.fit(model, r_vl)
         used = (np.abs(normals[:, 2]) >= _LEAST_NZ) & (points.rms(distances) <= _MOST_PX)
         if not used.any():
             return float("nan")
-        lines = PointsOnLines([group for group, use in zip(groups, used, strict=True) if use])
+        lines = PointsOnLines(list(compress(groups, used)))
         r_vl = _refine(lines, model, r_vl, low, high)
     return r_vl
 
@@ -250,7 +266,9 @@ def find_edges(lit: NDArray[np.uint8], valid: NDArray[np.bool_]) -> list[Array]:
         valid: (H, W) inside the field of view.
     """
     blurred = cv2.GaussianBlur(lit.astype(np.float32), (0, 0), _SIGMA_PX)
-    both = np.stack([cv2.Scharr(blurred, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))], axis=-1)
+    along_x = cv2.Scharr(blurred, cv2.CV_32F, 1, 0) / 32
+    along_y = cv2.Scharr(blurred, cv2.CV_32F, 0, 1) / 32
+    both = np.stack([along_x, along_y], axis=-1)
     most = np.argmax((both**2).sum(axis=-1), axis=-1)  # the channel that changes most
     gradient = np.take_along_axis(both, most[..., None, None], axis=2)[:, :, 0].astype(np.float64)
     size = np.hypot(gradient[..., 0], gradient[..., 1])
@@ -267,8 +285,14 @@ def find_edges(lit: NDArray[np.uint8], valid: NDArray[np.bool_]) -> list[Array]:
 def group_by_line(
     chains: Sequence[Array], model: LineImages, limits: tuple[float, float], least: int
 ) -> list[Array]:
-    """Return the points of each likely line in chains of edge points, (N_i, 2) px from the image's middle; of
-    ``least`` points at least, by bounds of r_vl, px."""
+    """Return the points of each likely line in chains of edge points.
+
+    Args:
+        chains: (N_i, 2) px from the image's middle.
+        model: of the camera.
+        limits: bounds of r_vl, px.
+        least: number of points of a line.
+    """
     rng = np.random.default_rng(0)
     groups = []
     for chain in chains:
@@ -317,7 +341,9 @@ def _maxima(
     strong[:, [0, -1]] = False
     row, column = np.nonzero(strong)
     step = across[row, column].astype(np.intp)
-    before, middle, after = (size[row + k * (1 - step), column + k * step] for k in (-1, 0, 1))
+    middle = size[row, column]
+    before = size[row - (1 - step), column - step]
+    after = size[row + (1 - step), column + step]
     top = (middle > before) & (middle >= after)
     shift = 0.5 * (before - after)[top] / (before - 2 * middle + after)[top]
     offset = np.stack([shift * step[top], shift * (1 - step[top])], axis=-1)
@@ -338,6 +364,6 @@ def _chains(
         alike = (unit[start] * unit[neighbour[start]]).sum(axis=-1) >= _MOST_TURN
         starts.append(start[alike])
         ends.append(neighbour[start[alike]])
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    graph = coo_matrix((np.ones(len(start)), (start, end)), shape=(len(row), len(row)))
+    pairs = np.concatenate(starts), np.concatenate(ends)
+    graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(row), len(row)))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)

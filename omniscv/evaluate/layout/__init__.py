@@ -34,20 +34,19 @@ from omniscv.truth.room_in_image import inside
 
 SCENES = "mock://four-wall", "mock://six-wall"
 
-_WIDTH = 1024
+_WIDTH = 1024  # of panoramas, px
 _QUICK_WIDTH = 512
-_VIEWPOINTS = 5
+_VIEWPOINTS = 5  # in each room
 _QUICK_VIEWPOINTS = 2
 _YAWS_DEG = 17.0, 62.0  # neither along the walls
 _TURN_DEG = 31.0  # from one viewpoint to the next
-_HEIGHT_M = 1.5
-_GRID_M = 0.25
-_FROM_WALLS_M = 0.6
-_FROM_OBJECTS_M = 0.3
+_HEIGHT_M = 1.5  # of viewpoints above the floor
+_GRID_M = 0.25  # between candidates for viewpoints
+_FROM_WALLS_M = 0.6  # least distance of viewpoints
+_FROM_OBJECTS_M = 0.3  # least distance of viewpoints
 _FITTED = ("object_mask", "depth", "normals")  # the modes that a room is fitted to
-# views that show all around a recorded viewpoint
-_CUBE_FACES = 6
-_FACE_FOV_DEG = 89.0
+_CUBE_FACES = 6  # views of a recorded viewpoint that show all around it
+_FACE_FOV_DEG = 89.0  # least field of view of such a view
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,23 +91,33 @@ def render(settings: Settings) -> Iterator[Panorama]:
             room = geometry.room
             if room is None:  # fitted to images
                 small = omniscv.cameras.create("equirectangular", _QUICK_WIDTH, _QUICK_WIDTH // 2)
-                poses = [Pose.from_angles(tuple(position)) for position in positions]
-                room = layout([renderer.render(small, pose, _FITTED) for pose in poses]).room
-            for i, position in enumerate(positions):
-                for j, yaw_deg in enumerate(_YAWS_DEG):
-                    pose = Pose.from_angles(tuple(position), yaw_deg=yaw_deg + i * _TURN_DEG)
-                    image = renderer.render(camera, pose)
-                    yield with_truth(f"{name}-{i}-{j}", np.asarray(image.lit), room, camera, pose)
+                images = []
+                for position in positions:
+                    images.append(renderer.render(small, Pose.from_angles(tuple(position)), _FITTED))
+                room = layout(images).room
+            for viewpoint, position in enumerate(positions):
+                for number, yaw_deg in enumerate(_YAWS_DEG):
+                    pose = Pose.from_angles(tuple(position), yaw_deg=yaw_deg + viewpoint * _TURN_DEG)
+                    lit = np.asarray(renderer.render(camera, pose).lit)
+                    yield with_truth(f"{name}-{viewpoint}-{number}", lit, room, camera, pose)
 
 
 def with_truth(name: str, lit: NDArray[np.uint8], room: Room, camera: Camera, pose: Pose) -> Panorama:
-    """Return a panorama with the truth of its layout."""
+    """Return a panorama with the truth of its layout.
+
+    Args:
+        name: start of its file names.
+        lit: (H, W, 3) RGB.
+        room: that it shows.
+        camera: equirectangular.
+        pose: of the camera, upright, world frame.
+    """
     maps = original_maps(project_layout(room, camera, pose), camera, pose)
     return Panorama(name, f"{len(room.walls)}-wall", lit, cor_id(room, camera, pose), maps)
 
 
 def write(panorama: Panorama, folder: Path) -> None:
-    """Write a panorama and its truth as HorizonNet and CFL read them.
+    """Write a ``panorama`` and its truth into a ``folder``, as HorizonNet and CFL read them.
 
     ``img/NAME.png`` and ``label_cor/NAME.txt``; ``EM_gt/NAME_EM.png`` and ``CM_gt/NAME_CM.png``.
     """
@@ -128,7 +137,10 @@ def _positions(source: Source, geometry: SceneGeometry, most: int) -> Array:
     """Return viewpoints (V, 3), world frame: those of a recording, or in free space, far from each other."""
     views = source.recorded_views()
     if views is not None:
-        wide = [view.pose.position for view in views if view.fov_deg >= _FACE_FOV_DEG]
+        wide = []
+        for view in views:
+            if view.fov_deg >= _FACE_FOV_DEG:
+                wide.append(view.pose.position)
         rounded = np.round(np.array(wide, np.float64).reshape(-1, 3), 6)
         recorded, times = np.unique(rounded, axis=0, return_counts=True)
         positions = recorded[times >= _CUBE_FACES]
@@ -148,9 +160,11 @@ def _positions(source: Source, geometry: SceneGeometry, most: int) -> Array:
 
 def _free_positions(room: Room, geometry: SceneGeometry) -> Array:
     """Return points (F, 3) of a grid at the camera's height, away from walls and objects."""
-    low, high = room.corners_w.min(axis=0) + _FROM_WALLS_M, room.corners_w.max(axis=0)
-    axes = [np.arange(start, stop, _GRID_M) for start, stop in zip(low, high, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    x_low, y_low = room.corners_w.min(axis=0) + _FROM_WALLS_M
+    x_high, y_high = room.corners_w.max(axis=0)
+    xs = np.arange(x_low, x_high, _GRID_M)
+    ys = np.arange(y_low, y_high, _GRID_M)
+    points = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
     reach = _FROM_WALLS_M * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
     points = points[inside(room, points[:, None] + reach).all(axis=1)]
     positions = np.column_stack([points, np.full(len(points), room.floor_z + _HEIGHT_M)])
@@ -206,7 +220,9 @@ def evaluate(settings: Settings) -> Report:
     width = rendered[0].lit.shape[1]
     names = [panorama.name for panorama in rendered]
     predicted = {} if folder is None else predictions.read(Path(folder), names, width)
-    rows = [row for panorama in rendered for row in _rows(panorama, predicted.get(panorama.name))]
+    rows = []
+    for panorama in rendered:
+        rows += _rows(panorama, predicted.get(panorama.name))
     about = {
         "size": [width, width // 2],
         "source": settings.source or list(SCENES),
@@ -230,9 +246,9 @@ def _rows(panorama: Panorama, prediction: Prediction | None) -> list[Row]:
 
 
 def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None]:
-    """Return the measures of a prediction by name; None for those that its form does not have.
+    """Return the measures of a ``prediction`` for a ``panorama`` by name; None for those without a value.
 
-    Corners without maps are drawn as maps.
+    A prediction has no measures of corners if it has maps only. Corners without maps are drawn as maps.
     """
     width = panorama.lit.shape[1]
     corners = prediction.corners
@@ -241,9 +257,10 @@ def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None
         edge_map, corner_map = predictions.draw_maps(corners, width)
         maps = edge_map / 255.0, corner_map / 255.0
     measured = dict[str, float | None]()
-    for i, name in enumerate(("edges", "corners")):
-        of_map = maps and map_scores(maps[i], panorama.maps[i])
-        measured |= {f"{name}_{key}": of_map and getattr(of_map, key) for key in MAP_SCORES}
+    for index, name in enumerate(("edges", "corners")):
+        of_map = None if maps is None else map_scores(maps[index], panorama.maps[index])
+        for key in MAP_SCORES:
+            measured[f"{name}_{key}"] = None if of_map is None else getattr(of_map, key)
     if corners is None:
         return {**measured, **dict.fromkeys(LayoutScores._fields), "walls_right": None}
     of_room = layout_scores(corners, panorama.corners, width, width // 2)
@@ -251,20 +268,23 @@ def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None
 
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
-    """Return the means of each method for each kind of room, by the rows of panoramas and methods, in which
-    None is a measure that is not known."""
+    """Return the means of each method for each kind of room.
+
+    ``rows`` are those of panoramas and methods; in them, None is a measure without a value.
+    """
     means = []
     for group in dict.fromkeys(row["group"] for row in rows):
         for method in _METHODS:
-            mine = [row for row in rows if (row["group"], row["method"]) == (group, method)]
+            selected = [row for row in rows if row["group"] == group and row["method"] == method]
             name = f"{group} rooms, {method}: "
             for map_name in ("edges", "corners"):
                 paper = PAPER.get((map_name, group), (None,) * len(MAP_SCORES))
                 for (key, label), theirs in zip(MAP_SCORES.items(), paper, strict=True):
-                    means.append(_mean(mine, f"{map_name}_{key}", f"{name}{map_name} {label}", "", theirs))
+                    title = f"{name}{map_name} {label}"
+                    means.append(_mean(selected, f"{map_name}_{key}", title, "", theirs))
             if method != "perfect":  # its corners are exact
                 for key, (label, unit) in _LAYOUT_SCORES.items():
-                    means.append(_mean(mine, key, name + label, unit))
+                    means.append(_mean(selected, key, name + label, unit))
     return [mean for mean in means if mean.n]
 
 
@@ -274,7 +294,13 @@ def _mean(rows: Sequence[Row], key: str, name: str, unit: str, paper: float | No
 
 
 def draw(panoramas: Sequence[Panorama], predicted: Mapping[str, Prediction], path: Path) -> Path:
-    """Draw the true and predicted layouts in the first panorama of each kind of room; return the path."""
+    """Draw the true and the predicted layout in the first panorama of each kind of room.
+
+    Args:
+        panoramas: with their truth.
+        predicted: layouts by the names of panoramas; a panorama may lack one.
+        path: of the picture, which is returned.
+    """
     first = {panorama.group: panorama for panorama in reversed(panoramas)}
     with chart(path, 900, 270) as drawing:
         panels = drawing.subplots(1, len(first), squeeze=False)[0]

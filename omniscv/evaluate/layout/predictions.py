@@ -11,7 +11,7 @@ Sources: cfernandezlab/CFL test_CFL.py, sunset1995/HorizonNet inference.py and e
 import io
 import json
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,7 +47,9 @@ class Prediction(NamedTuple):
 
 
 def read(folder: Path, names: Sequence[str], width: int) -> dict[str, Prediction]:
-    """Return the predictions for panoramas of a width, px, by name.
+    """Return the predictions by the ``names`` of panoramas, from files in a ``folder`` and below.
+
+    ``width`` is that of the panoramas, px.
 
     Raises:
         ArgumentError: a panorama lacks a file that others have, or has two of one form; a file is malformed.
@@ -71,9 +73,16 @@ def draw_maps(corners: Array, width: int) -> tuple[Map, Map]:
 
 
 def visible_curves(corners: Array, width: int) -> list[Array]:
-    """Return the pieces of a room's edges that no wall hides, (P, 2) px; arguments as :func:`draw_maps`."""
-    pieces = [piece for edge in _record(corners, width)["edges"] for piece in edge["pieces"]]
-    return [np.array(piece["pixels"]) for piece in pieces if piece["visible_room"]]
+    """Return the pieces of a room's edges that no wall hides, (P, 2) px.
+
+    ``corners`` and ``width`` are as of :func:`draw_maps`.
+    """
+    curves = []
+    for edge in _record(corners, width)["edges"]:
+        for piece in edge["pieces"]:
+            if piece["visible_room"]:
+                curves.append(np.array(piece["pixels"]))
+    return curves
 
 
 def _record(corners: Array, width: int) -> dict[str, Any]:
@@ -86,26 +95,41 @@ def _find_files(folder: Path, names: Sequence[str]) -> dict[str, dict[str, Path]
     by_name: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.rglob("*")):
         by_name[path.name].append(path)
-    files: dict[str, dict[str, Path]] = {form: {} for form in _SUFFIXES}
+    files: dict[str, dict[str, Path]] = defaultdict(dict)
     for form, name in product(_SUFFIXES, names):
-        paths = [path for suffix in _SUFFIXES[form] for path in by_name.get(name + suffix, ())]
+        paths: list[Path] = []
+        for suffix in _SUFFIXES[form]:
+            paths += by_name.get(name + suffix, ())
         if len(paths) > 1:
-            got = " and ".join(str(path.relative_to(folder)) for path in paths[:2])
-            raise ArgumentError(f"predictions: expected one file of the {form} of {name}, got {got}")
+            both = f"{paths[0].relative_to(folder)} and {paths[1].relative_to(folder)}"
+            raise ArgumentError(f"predictions: expected one file of the {form} of {name}, got {both}")
         if paths:
             files[form][name] = paths[0]
-    forms = {form for form, paths in files.items() if paths} or {"corners"}
-    if "edges" in forms or "corner_map" in forms:
+    forms = set(files)
+    if not forms:
+        forms = {"corners"}
+    elif forms != {"corners"}:
         forms |= {"edges", "corner_map"}
     for form in sorted(forms):
-        if missing := [name for name in names if name not in files[form]]:
-            expected_names = " or ".join(missing[0] + suffix for suffix in _SUFFIXES[form])
+        missing = [name for name in names if name not in files[form]]
+        if missing:
+            expected = " or ".join(missing[0] + suffix for suffix in _SUFFIXES[form])
             lack = f"missing for {len(missing)} of the {len(names)} panoramas in layout/img"
-            expected = {name + suffix for name in names for ends in _SUFFIXES.values() for suffix in ends}
-            others = [file for file in by_name if Path(file).suffix in (".png", ".jpg", ".json", ".txt")]
-            got = next((file for file in others if file not in expected), "no other file")
-            raise ArgumentError(f"predictions: expected {expected_names}, {lack}; got {got}")
-    return {form: files[form] for form in forms}
+            other = _other_file(by_name, names)
+            raise ArgumentError(f"predictions: expected {expected}, {lack}; got {other}")
+    return files
+
+
+def _other_file(files: Iterable[str], names: Sequence[str]) -> str:
+    """Return the first of some names of files that may be meant for a panorama but is named otherwise."""
+    expected: set[str] = set()
+    for suffixes in _SUFFIXES.values():
+        for suffix in suffixes:
+            expected.update(name + suffix for name in names)
+    for file in files:
+        if Path(file).suffix in (".png", ".jpg", ".json", ".txt") and file not in expected:
+            return file
+    return "no other file"
 
 
 def _read_corners(path: Path, width: int) -> Array:
@@ -115,7 +139,8 @@ def _read_corners(path: Path, width: int) -> Array:
         if path.suffix == ".json":
             corners = numbers("uv", json.loads(decode_text(content))["uv"], (None, 2)) * [width, width // 2]
         else:
-            rows = [line.split() for line in decode_text(content).splitlines() if line.strip()]
+            lines = filter(str.strip, decode_text(content).splitlines())
+            rows = list(map(str.split, lines))
             corners = numbers("lines", rows, (None, 2))
     except ArgumentError:
         raise
@@ -123,8 +148,8 @@ def _read_corners(path: Path, width: int) -> Array:
         wanted = "a mapping with uv" if path.suffix == ".json" else "lines of two numbers"
         raise ArgumentError(f"expected {wanted}, got {shown(content[:40])}") from cause
     if (corners < -1).any() or (corners > [width + 1, width // 2 + 1]).any():
-        got = shown(corners[np.abs(corners / [width, width / 2] - 0.5).max(axis=1).argmax()])
-        raise ArgumentError(f"expected corners within {width} x {width // 2} px, got {got}")
+        farthest = corners[np.abs(corners / [width, width / 2] - 0.5).max(axis=1).argmax()]
+        raise ArgumentError(f"expected corners within {width} x {width // 2} px, got {shown(farthest)}")
     room_seen(corners, width, width // 2)
     return corners
 

@@ -105,7 +105,7 @@ def evaluate(settings: Settings) -> Report:
     """Reconstruct, and compare with the truth; ArgumentError for a source without a known room."""
     setups = _setups(settings.quick)
     rows = list[Row]()
-    exact = list[tuple[float, float]]()
+    distances = list[float]()  # of lines from exact points
     errors = settings.out / "lines.png"
     cloud = settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
@@ -116,7 +116,9 @@ def evaluate(settings: Settings) -> Report:
         renderer = Renderer(source)
         options = RenderOptions(strategy="exact")
         for done, setup in enumerate(setups, start=1):
-            exact += exact_errors(room, setup)
+            for baseline, distance in exact_errors(room, setup):
+                if baseline >= _LEAST_BASELINE_M:
+                    distances.append(distance)
             image = renderer.render(setup.camera, setup.pose, ("lit", "object_mask", "depth"), options)
             seen = seen_edges(room, setup.camera, image["labels"], names)
             lines = reconstruct(seen, setup)
@@ -125,39 +127,51 @@ def evaluate(settings: Settings) -> Report:
                 draw_cloud(image, _segments(seen, lines["gravity"]), cloud)
             settings.progress(done, len(setups))
     draw_errors(rows, errors)
-    distances = [distance for baseline, distance in exact if baseline >= _LEAST_BASELINE_M]
     worst = max(distances, default=float("nan"))
     of_exact = Figure("exact points >= 0.05 m, free: distance", worst, "m", n=len(distances))
-    about = {setup.name: {"camera": setup.camera.to_dict(), "pose": setup.pose.to_dict()} for setup in setups}
+    about = {}
+    for setup in setups:
+        about[setup.name] = {"camera": setup.camera.to_dict(), "pose": setup.pose.to_dict()}
     return Report([of_exact, *figures(rows)], rows, about, [errors, cloud])
 
 
 def room_edges(room: Room) -> Iterator[Edge]:
     """Yield where walls meet each other, the floor and the ceiling."""
     count = len(room.corners_w)
-    low, high = (np.column_stack([room.corners_w, np.full(count, z)]) for z in (room.floor_z, room.ceiling_z))
-    for i, wall in enumerate(room.walls):
-        after = (i + 1) % count
-        yield Edge("vertical", (room.walls[i - 1], wall), np.array([low[i], high[i]]))
-        yield Edge("horizontal", (wall, room.floor), low[[i, after]])
-        yield Edge("horizontal", (wall, room.ceiling), high[[i, after]])
+    low = np.column_stack([room.corners_w, np.full(count, room.floor_z)])
+    high = np.column_stack([room.corners_w, np.full(count, room.ceiling_z)])
+    for start, wall in enumerate(room.walls):
+        end = (start + 1) % count
+        yield Edge("vertical", (room.walls[start - 1], wall), np.array([low[start], high[start]]))
+        yield Edge("horizontal", (wall, room.floor), low[[start, end]])
+        yield Edge("horizontal", (wall, room.ceiling), high[[start, end]])
 
 
 def seen_edges(room: Room, camera: Camera, labels: NDArray[np.uint16], names: Sequence[str]) -> Seen:
-    """Return the edges that an image shows by its labels (H, W), and the pixels where it does; ``names`` are
-    of the labels from 1 on."""
-    label = {name: i for i, name in enumerate(names, start=1)}
+    """Return the edges that an image shows, and the pixels where it does.
+
+    Args:
+        room: that the image shows.
+        camera: of the image.
+        labels: (H, W) of the image.
+        names: of the labels from 1 on.
+    """
+    label = {name: number for number, name in enumerate(names, start=1)}
     seen = list[tuple[Edge, ObservedLine]]()
     for edge in room_edges(room):
-        if {*edge.surfaces} <= label.keys():
-            pixels = boundary(labels, *(label[name] for name in edge.surfaces))
+        first, second = edge.surfaces
+        if first in label and second in label:
+            pixels = boundary(labels, label[first], label[second])
             if len(pixels) >= _LEAST_POINTS:
                 seen.append((edge, ObservedLine(camera, pixels)))
     return seen
 
 
 def boundary(labels: NDArray[np.uint16], a: int, b: int) -> Array:
-    """Return (N, 2) px the midpoints of neighbouring pixels, one with label ``a``, the other with ``b``."""
+    """Return the midpoints of neighbouring pixels, (N, 2) px, of which one has the label ``a``, one ``b``.
+
+    ``labels`` are those of the image, (H, W).
+    """
     is_a = labels == a
     is_b = labels == b
     beside = is_a[:, :-1] & is_b[:, 1:] | is_b[:, :-1] & is_a[:, 1:]
@@ -167,19 +181,34 @@ def boundary(labels: NDArray[np.uint16], a: int, b: int) -> Array:
 
 
 def reconstruct(seen: Seen, setup: Setup) -> Mapping[str, list[Array]]:
-    """Return the lines (6,), camera frame, by prior knowledge: free, gravity, Manhattan."""
-    observed = [line for _, line in seen]
-    level = [reconstruction.with_gravity(line, setup.gravity) for line in observed]
-    return {
-        "free": [reconstruction.free(line, setup.axis) for line in observed],
-        "gravity": level,
-        "Manhattan": reconstruction.manhattan(observed, level, setup.gravity),
-    }
+    """Return the lines (6,), camera frame, by prior knowledge: free, gravity, Manhattan.
+
+    Args:
+        seen: the edges in an image, and their pixels.
+        setup: camera and pose of the image.
+    """
+    observed = []
+    level = []
+    free = []
+    for _, line in seen:
+        observed.append(line)
+        level.append(reconstruction.with_gravity(line, setup.gravity))
+        free.append(reconstruction.free(line, setup.axis))
+    aligned = reconstruction.manhattan(observed, level, setup.gravity)
+    return {"free": free, "gravity": level, "Manhattan": aligned}
 
 
 def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterator[Row]:
-    """Yield the errors of all lines; distances are between the points of the reconstructed and of the true
-    line that the same pixel sees, the largest of all pixels."""
+    """Yield the errors of all lines.
+
+    A distance is that between the points of the reconstructed and of the true line that one pixel sees, the
+    largest of all pixels.
+
+    Args:
+        seen: the edges in an image, and their pixels.
+        lines: as of :func:`reconstruct`.
+        setup: camera and pose of the image.
+    """
     for prior, reconstructed in lines.items():
         for (edge, observed), line in zip(seen, reconstructed, strict=True):
             true = edge.line_c(setup.pose)
@@ -200,7 +229,10 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
 
 
 def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
-    """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
+    """Return (effective baseline, largest distance), metres, of lines from exact points of a room's edges.
+
+    ``setup`` is the camera, and its pose in the ``room``.
+    """
     errors = []
     for edge in room_edges(room):
         start, end = setup.pose.to_camera(edge.ends_w)
@@ -220,12 +252,16 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
     worst = []
     for (camera, kind), least in _BASELINES_M.items():
         for prior in dict.fromkeys(row["prior"] for row in rows):
-            group = camera, kind, prior
-            mine = [row for row in rows if (row["camera"], row["kind"], row["prior"]) == group]
-            mine = [row for row in mine if row["baseline_m"] >= least]
-            for key, unit in (("distance_m", "m"), ("direction_deg", "deg")) if mine else ():
+            selected = []
+            for row in rows:
+                is_of_group = row["camera"] == camera and row["kind"] == kind and row["prior"] == prior
+                if is_of_group and row["baseline_m"] >= least:
+                    selected.append(row)
+            if not selected:
+                continue
+            for key, unit in (("distance_m", "m"), ("direction_deg", "deg")):
                 name = f"{camera}, {kind} >= {least:g} m, {prior}: {key.split('_')[0]}"
-                worst.append(Figure(name, max(row[key] for row in mine), unit, n=len(mine)))
+                worst.append(Figure(name, max(row[key] for row in selected), unit, n=len(selected)))
     return worst
 
 
@@ -261,7 +297,7 @@ def _setups(quick: bool) -> list[Setup]:
 
 
 def draw_errors(rows: Sequence[Row], path: Path) -> None:
-    """Draw the errors over the effective baseline."""
+    """Draw the errors of ``rows`` over the effective baseline, into the picture at ``path``."""
     groups: dict[tuple[str, str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["prior"], row["kind"], row["camera"]), []).append(row)
@@ -269,11 +305,11 @@ def draw_errors(rows: Sequence[Row], path: Path) -> None:
     with chart(path, 1000, 480) as drawing:
         panels = drawing.subplots(1, 2)
         for axes, (key, label) in zip(panels, labels.items(), strict=True):
-            for (prior, kind, camera), mine in groups.items():
-                values = np.clip([row[key] for row in mine], *_LIMITS[key])
+            for (prior, kind, camera), members in groups.items():
+                values = np.clip([row[key] for row in members], *_LIMITS[key])
                 face = _COLORS[prior] if camera == "panorama" else "none"
                 style = {"fc": face, "ec": _COLORS[prior], "marker": _MARKERS[kind]}
-                axes.scatter([row["baseline_m"] for row in mine], values, s=28, lw=0.9, **style)
+                axes.scatter([row["baseline_m"] for row in members], values, s=28, lw=0.9, **style)
             axes.set(xscale="log", yscale="log", xlabel="effective baseline, m", ylabel=label)
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_formatter("")
@@ -290,9 +326,9 @@ def draw_errors(rows: Sequence[Row], path: Path) -> None:
 
 
 def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> None:
-    """Draw the image with its edges, and three views of the segments among the true points.
+    """Draw an ``image`` with its edges, and three views of ``segments`` among the true points.
 
-    As in the paper: segments red, truth black, optical centres blue.
+    As in the paper: segments red, truth black, optical centres blue. The picture is written to ``path``.
     """
     points = image.points()
     points = points[:: -(-len(points) // _MOST_POINTS)]

@@ -40,12 +40,18 @@ def through(points: Array, directions: Array) -> Array:
 
 
 def incidence(origins: Array, directions: Array) -> Array:
-    """Return rows (..., 6) whose product with a line is 0 where a ray meets it; metres if both are unit."""
+    """Return rows (..., 6) whose product with a line is 0 where a ray meets it; metres if both are unit.
+
+    Rays start at ``origins`` (..., 3), metres, along ``directions`` (..., 3).
+    """
     return np.concatenate([np.cross(origins, directions), directions], axis=-1)
 
 
 def nearest_to_rays(line: Array, origins: Array, directions: Array) -> Array:
-    """Return (N, 3) the points of a line (6,) of unit direction that are nearest to rays (N, 3), unit."""
+    """Return (N, 3) the points of a ``line`` (6,) of unit direction that are nearest to rays.
+
+    Rays start at ``origins`` (N, 3), metres, along ``directions`` (N, 3), unit.
+    """
     middle = np.cross(line[:3], line[3:])  # nearest to the origin
     cosine = directions @ line[:3]
     offset = origins - middle
@@ -59,7 +65,7 @@ def distance_to(line: Array, points: Array) -> Array:
 
 
 def angle_deg(a: Array, b: Array) -> float:
-    """Return the angle between two undirected lines along (3,), 0 to 90 degrees."""
+    """Return the angle between two lines along ``a`` and ``b``, (3,) each, 0 to 90 degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
 
 
@@ -85,9 +91,9 @@ def free_line(rows: Array, axis: Array) -> Array:
 
 
 def line_along(rows: Array, direction: Array) -> Array:
-    """Return the line (6,) of a known direction (3,), unit, that rays meet: two unknowns, linear.
+    """Return the line (6,) of a known ``direction`` (3,), unit, that rays meet: two unknowns, linear.
 
-    Its moment is orthogonal to the direction. Args as of :func:`free_line`; N >= 2.
+    Its moment is orthogonal to the direction. ``rows`` are as of :func:`free_line`; N >= 2.
     """
     basis = across(direction)
     moment = np.linalg.lstsq(rows[:, 3:] @ basis.T, -rows[:, :3] @ direction, rcond=None)[0]
@@ -95,11 +101,11 @@ def line_along(rows: Array, direction: Array) -> Array:
 
 
 def level_line(rows: Array, gravity: Array) -> Array:
-    """Return the line (6,) across gravity (3,), unit, that rays meet: five unknowns, and Klein's quadric.
+    """Return the line (6,) across ``gravity`` (3,), unit, that rays meet: five unknowns, and Klein's quadric.
 
     The two last singular vectors span what noise does not distinguish. Of the lines in this span, the one
-    that the rays meet best is returned. Args as of :func:`free_line`; N >= 4, because three rays have two
-    such lines.
+    that the rays meet best is returned. ``rows`` are as of :func:`free_line`; N >= 4, because three rays have
+    two such lines.
     """
     basis = np.zeros((5, 6))
     basis[:2, :3] = across(gravity)
@@ -107,14 +113,17 @@ def level_line(rows: Array, gravity: Array) -> Array:
     b, c = _right_singular(rows @ basis.T)[:-3:-1] @ basis
     quadric = [c[:3] @ c[3:], b[:3] @ c[3:] + c[:3] @ b[3:], b[:3] @ b[3:]]
     shares = np.roots(quadric)
-    lines = [_on_klein(b + t * c) for t in shares[np.isreal(shares)].real] or [_on_klein(b)]
+    lines = [_on_klein(b + share * c) for share in shares[np.isreal(shares)].real]
+    if not lines:
+        return _on_klein(b)
     return min(lines, key=lambda line: float(np.linalg.norm(rows @ line)))
 
 
 def effective_baseline(origins: Array, directions: Array) -> float:
     """Return the spread of the rays' origins out of the plane that fits the rays best, metres.
 
-    The rays (N, 3) of a line in a central image lie in one plane, and do not depend on the line's distance.
+    Rays start at ``origins`` (N, 3), metres, along ``directions`` (N, 3). Those of a line in a central image
+    lie in one plane, and do not depend on the line's distance.
     """
     normal = _right_singular(directions)[2]
     return float(np.ptp(origins @ normal))
@@ -146,7 +155,8 @@ class ObservedLine:
 
     Attributes:
         pixels: those with rays.
-        origins, directions: (N, 3) of their rays, camera frame.
+        origins: (N, 3) of their rays, metres, camera frame.
+        directions: (N, 3) of their rays, unit, camera frame.
         rows: (N, 6) of their rays: :func:`incidence`.
         gradients: (N, 2, 6) the derivatives of the rows by the pixel.
     """
@@ -195,40 +205,57 @@ class ObservedLine:
 
 
 def free(observed: ObservedLine, axis: Array) -> Array:
-    """Return a line (6,), camera frame; ``axis`` is (3,) unit, of the camera's revolution."""
+    """Return the line (6,), camera frame, that fits the pixels of ``observed``.
+
+    ``axis`` is (3,) unit, of the camera's revolution.
+    """
     line = free_line(observed.rows, axis)
     return observed.refine(line, across(line[:3]))
 
 
 def with_gravity(observed: ObservedLine, gravity: Array) -> Array:
-    """Return an upright or level line (6,), camera frame; gravity is (3,) unit."""
+    """Return the upright or level line (6,), camera frame, that fits the pixels of ``observed``.
+
+    ``gravity`` is (3,) unit, camera frame.
+    """
     upright = along(observed, gravity)
-    headings = np.arange(_HEADINGS) * np.pi / _HEADINGS
-    directions = [_level_direction(gravity, heading) for heading in headings]
-    starts = [line_along(observed.rows, direction) for direction in directions]
-    start = min([level_line(observed.rows, gravity), *starts], key=observed.rms_px)
+    starts = [level_line(observed.rows, gravity)]
+    for heading in np.arange(_HEADINGS) * np.pi / _HEADINGS:
+        starts.append(line_along(observed.rows, _level_direction(gravity, heading)))
+    start = min(starts, key=observed.rms_px)
     turn = np.cross(gravity, start[:3])
     level = observed.refine(start, turn[None] / np.linalg.norm(turn))
     return upright if observed.rms_px(upright) <= _UPRIGHT * observed.rms_px(level) else level
 
 
 def along(observed: ObservedLine, direction: Array) -> Array:
-    """Return the line (6,) of a known direction (3,), unit, camera frame."""
+    """Return the line (6,) of a known ``direction`` (3,), unit, that fits the pixels of ``observed``; camera
+    frame."""
     return observed.refine(line_along(observed.rows, direction), _KNOWN)
 
 
 def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity: Array) -> list[Array]:
-    """Return the lines along the room's three directions, by their pixels and the lines of
-    :func:`with_gravity`, camera frame."""
-    level = [i for i, line in enumerate(lines) if abs(line[:3] @ gravity) < 0.5]
+    """Return the lines along the room's three directions, (6,) each, camera frame.
+
+    Args:
+        observed: the pixels of each line.
+        lines: of :func:`with_gravity`.
+        gravity: (3,) unit, camera frame.
+    """
+    level = []
+    for number, line in enumerate(lines):
+        if abs(line[:3] @ gravity) < 0.5:
+            level.append(number)
     if not level:
         return list(lines)
-    heading = _common_heading([(observed[i], lines[i]) for i in level], gravity)
-    directions = [_level_direction(gravity, heading + turn) for turn in (0.0, np.pi / 2)]
+    heading = _common_heading([(observed[number], lines[number]) for number in level], gravity)
+    first_direction = _level_direction(gravity, heading)
+    second_direction = _level_direction(gravity, heading + np.pi / 2)
     aligned = list(lines)
-    for i in level:
-        candidates = [along(observed[i], direction) for direction in directions]
-        aligned[i] = min(candidates, key=observed[i].rms_px)
+    for number in level:
+        seen = observed[number]
+        candidates = [along(seen, first_direction), along(seen, second_direction)]
+        aligned[number] = min(candidates, key=seen.rms_px)
     return aligned
 
 
@@ -236,11 +263,14 @@ def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array)
     """Return the median heading of level lines, radians, modulo a quarter turn, weighted by the number of
     pixels times the square of the effective baseline."""
     x, y = across(gravity)
-    headings = np.array([np.arctan2(line[:3] @ y, line[:3] @ x) for _, line in level])
+    headings = np.empty(len(level))
+    weights = np.empty(len(level))
+    for number, (seen, line) in enumerate(level):
+        headings[number] = np.arctan2(line[:3] @ y, line[:3] @ x)
+        baseline = effective_baseline(seen.origins, seen.directions)
+        weights[number] = np.square(baseline) * len(seen.pixels)
     turns = headings[:, None] - headings
     apart = np.abs(turns - np.pi / 2 * np.round(turns / (np.pi / 2)))
-    baselines = [effective_baseline(seen.origins, seen.directions) for seen, _ in level]
-    weights = np.square(baselines) * [len(seen.pixels) for seen, _ in level]
     return float(headings[np.argmin(np.minimum(apart, _FAR) @ weights)])
 
 

@@ -7,7 +7,6 @@ Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,43 +59,64 @@ def evaluate(settings: Settings) -> Report:
         OmniscvError: no pycolmap; of the source.
     """
     pycolmap = load_pycolmap()
-    count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
-    truth = flight(count)
-    path = settings.options.get("trajectory")
-    if path is not None:
-        truth = read_trajectory(Path(path))
-        truth = truth[:: -(-len(truth) // count)] if settings.quick else truth
+    truth, rig = _truth_and_rig(settings)
     times = truth.seconds or tuple(map(float, range(len(truth))))
-    rig = rig_of(width, edge)
     folder = settings.out / "odometry"
     steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
         images = render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
     written = [write_text(folder / "truth.tum", write_tum(truth))]
     runs = dict[str, TrajectoryErrors]()
-    for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
-        T_cam_rig = mounted.pose.inverse()
-        estimates = reconstruct(images[name], mounted.camera)
-        errors = _NO_ERRORS
-        with suppress(ArgumentError):  # too few poses to align them
-            errors = trajectory_errors(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
+    figures: list[Figure] = []
+    rows: list[Row] = []
+    for number, (name, mounted) in enumerate(rig.cameras.items(), start=1):
+        errors = _estimate(images[name], mounted, truth)
         runs[name] = errors
+        figures += _figures(name, truth, errors)
+        rows += _rows(name, times, errors)
         if errors.frames:
-            aligned = Trajectory.timed(tuple(errors.aligned), (times[frame] for frame in errors.frames))
+            seconds = [times[frame] for frame in errors.frames]
+            aligned = Trajectory.timed(tuple(errors.aligned), seconds)
             written.append(write_text(folder / f"{name}.tum", write_tum(aligned)))
-        settings.progress((1 + i) * len(truth), steps)
+        settings.progress((1 + number) * len(truth), steps)
+    cameras = {}
+    for name, mounted in rig.cameras.items():
+        cameras[name] = mounted.camera.to_dict()
     about = {
         "source": settings.source or SOURCE,
-        "cameras": {name: mounted.camera.to_dict() for name, mounted in rig.cameras.items()},
+        "cameras": cameras,
         "poses": len(truth),
         "path_m": path_length(truth),
         "origin of eps_t": [0.0, 0.0, 0.0],
         "pycolmap": pycolmap.__version__,
         "seed": SEED,
     }
-    figures = [figure for name, errors in runs.items() for figure in _figures(name, truth, errors)]
-    rows = [row for name, errors in runs.items() for row in _rows(name, times, errors)]
     return Report(figures, rows, about, [draw(runs, truth, times, settings.out / "odometry.png"), *written])
+
+
+def _truth_and_rig(settings: Settings) -> tuple[Trajectory, Rig]:
+    """Return the flight, or the trajectory of a file, and the rig that moves along it."""
+    count = 20 if settings.quick else 60
+    truth = flight(count)
+    path = settings.options.get("trajectory")
+    if path is not None:
+        truth = read_trajectory(Path(path))
+        if settings.quick:
+            truth = truth[:: -(-len(truth) // count)]
+    rig = rig_of(768, 512) if settings.quick else rig_of(1024, 640)
+    return truth, rig
+
+
+def _estimate(images: Sequence[Path], mounted: RigCamera, truth: Trajectory) -> TrajectoryErrors:
+    """Return the errors of the rig's poses that are estimated from the images of one of its cameras."""
+    T_cam_rig = mounted.pose.inverse()
+    estimates = {}
+    for frame, pose in reconstruct(images, mounted.camera).items():
+        estimates[frame] = pose @ T_cam_rig
+    try:
+        return trajectory_errors(truth, estimates)
+    except ArgumentError:  # too few poses to align them
+        return _NO_ERRORS
 
 
 def flight(count: int) -> Trajectory:
@@ -104,16 +124,15 @@ def flight(count: int) -> Trajectory:
 
     It is 1.35 to 1.65 m above the floor; the camera looks ahead, and pitches and rolls by up to 5 degrees.
     """
-    turns = 2 * np.pi * np.arange(count) / count
-    poses = [
-        Pose.from_angles(
-            (np.cos(a) - 0.4, 1.1 * np.sin(a), 1.5 + 0.15 * np.sin(2 * a)),
-            yaw_deg=np.degrees(np.arctan2(1.1 * np.cos(a), -np.sin(a))),
-            pitch_deg=5 * np.sin(3 * a),
-            roll_deg=5 * np.cos(2 * a),
+    poses = []
+    for turn in 2 * np.pi * np.arange(count) / count:  # radians
+        pose = Pose.from_angles(
+            (np.cos(turn) - 0.4, 1.1 * np.sin(turn), 1.5 + 0.15 * np.sin(2 * turn)),
+            yaw_deg=np.degrees(np.arctan2(1.1 * np.cos(turn), -np.sin(turn))),
+            pitch_deg=5 * np.sin(3 * turn),
+            roll_deg=5 * np.cos(2 * turn),
         )
-        for a in turns
-    ]
+        poses.append(pose)
     return Trajectory.timed(tuple(poses), (SECONDS * np.arange(count) / count).tolist())
 
 
@@ -129,20 +148,31 @@ def rig_of(width: int, edge: int) -> Rig:
 def render(
     rig: Rig, trajectory: Trajectory, source: Source, folder: Path, progress: Callable[[int], None]
 ) -> dict[str, list[Path]]:
-    """Write the images of each camera of a rig along a trajectory as ``CAMERA/0000.png`` and so on, and
-    return them by camera; ``progress`` gets the number of poses done."""
+    """Write the images of each camera of a rig as ``CAMERA/0000.png`` and so on, and return them by camera.
+
+    Args:
+        rig: the cameras.
+        trajectory: of the rig, world frame.
+        source: of the scene.
+        folder: in which each camera gets a folder.
+        progress: called with the number of poses done.
+
+    Raises:
+        ArgumentError: the source's colours are no bytes.
+    """
     # With one size of faces, the cameras share captures. It exceeds the resolution of panorama and fisheye.
-    options = RenderOptions(face_size=max(m.camera.width for m in rig.cameras.values()) // 2)
+    widest_px = max(mounted.camera.width for mounted in rig.cameras.values())
+    options = RenderOptions(face_size=widest_px // 2)
     renderer = Renderer(source)
     written: dict[str, list[Path]] = {name: [] for name in rig.cameras}
-    for i, pose in enumerate(trajectory):
+    for number, pose in enumerate(trajectory):
         cameras = [(mounted.camera, pose @ mounted.pose) for mounted in rig.cameras.values()]
         images = renderer.render_together(cameras, ("lit",), options)
         for name, image in zip(rig.cameras, images, strict=True):
             if image.lit is None or image.lit.dtype != np.uint8:
                 raise ArgumentError("source: expected colours as bytes, got others; leave out lit=float32")
-            written[name].append(write_pixels(folder / name / f"{i:04d}.png", image.lit))
-        progress(i + 1)
+            written[name].append(write_pixels(folder / name / f"{number:04d}.png", image.lit))
+        progress(number + 1)
     return written
 
 
@@ -165,31 +195,38 @@ def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Fig
 
 def _rows(name: str, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
     """Yield a row for every frame, with errors if it was registered."""
-    index = {frame: i for i, frame in enumerate(errors.frames)}
+    index_of = {frame: index for index, frame in enumerate(errors.frames)}
     for frame, time in enumerate(times):
         row: dict[str, Any] = {"camera": name, "frame": frame, "time_s": time}
         row |= dict.fromkeys(("x_m", "y_m", "z_m", "position_m", "eps_t_deg", "eps_theta_deg"))
-        if frame in index:
-            i = index[frame]
-            row["x_m"], row["y_m"], row["z_m"] = errors.aligned[i].position.tolist()
+        if frame in index_of:
+            index = index_of[frame]
+            row["x_m"], row["y_m"], row["z_m"] = errors.aligned[index].position.tolist()
             for key in ("position_m", "eps_t_deg", "eps_theta_deg"):
-                row[key] = float(getattr(errors, key)[i])
+                row[key] = float(getattr(errors, key)[index])
         yield row
 
 
 def draw(
     runs: Mapping[str, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
 ) -> Path:
-    """Draw both errors of each frame at its time, s, and the trajectories from above; return the path."""
+    """Draw both errors of each frame at its time, and the trajectories from above; return ``path``.
+
+    Args:
+        runs: the errors by camera.
+        truth: the true poses.
+        times: of the poses, seconds.
+        path: of the picture.
+    """
     with chart(path, 1200, 460) as drawing:
         position, orientation, above = drawing.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
         above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
         for name, errors in runs.items():
             if errors.frames:
                 color = _COLORS[name]
-                at = [times[frame] for frame in errors.frames]
-                position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, color=color)
-                orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, color=color)
+                seconds = [times[frame] for frame in errors.frames]
+                position.plot(seconds, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, color=color)
+                orientation.plot(seconds, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, color=color)
                 above.plot(*_from_above(errors.aligned), lw=1.2, label=name, color=color)
         _label(position, "position error $\\varepsilon_t$ (degrees)")
         _label(orientation, "orientation error $\\varepsilon_\\theta$ (degrees)")

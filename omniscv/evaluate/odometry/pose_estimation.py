@@ -56,8 +56,9 @@ def load_pycolmap() -> Any:
         if handler is not None and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, handler)
     if not hasattr(pycolmap.CameraModelId, "EQUIRECTANGULAR"):
-        got = f"pycolmap {pycolmap.__version__}"
-        raise OmniscvError(f"odometry: expected pycolmap 4.1 or later, got {got}; install omniscv[evaluate]")
+        wanted = "expected pycolmap 4.1 or later"
+        advice = "install omniscv[evaluate]"
+        raise OmniscvError(f"odometry: {wanted}, got pycolmap {pycolmap.__version__}; {advice}")
     pycolmap.logging.minloglevel = _FATAL_ONLY
     return pycolmap
 
@@ -70,8 +71,10 @@ def inner_mask(camera: Camera) -> NDArray[np.uint8]:
 
 
 def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
-    """Return the poses of the images, files in one folder of a central camera, that COLMAP registers in its
-    largest model, by index; none if it fails."""
+    """Return the poses of the images that COLMAP registers in its largest model, by index; none if it fails.
+
+    ``images`` are files in one folder, of a central ``camera``.
+    """
     pycolmap = load_pycolmap()
     folder = images[0].parent
     names = [path.name for path in images]
@@ -103,10 +106,16 @@ def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
             ba_refine_extra_params=False,
         )
         models = pycolmap.incremental_mapping(database, folder, scratch, options=mapping)
-    registered = [[image for image in model.images.values() if image.has_pose] for model in models.values()]
-    largest = max(registered, key=len, default=[])
-    matrices = {names.index(image.name): image.cam_from_world().inverse().matrix() for image in largest}
-    return {index: Pose(matrix[:, 3], matrix[:, :3]) for index, matrix in matrices.items()}
+    largest: list[Any] = []
+    for model in models.values():
+        registered = [image for image in model.images.values() if image.has_pose]
+        if len(registered) > len(largest):
+            largest = registered
+    poses = {}
+    for image in largest:
+        matrix = image.cam_from_world().inverse().matrix()
+        poses[names.index(image.name)] = Pose(matrix[:, 3], matrix[:, :3])
+    return poses
 
 
 def _move_to_panorama(database: Path, camera: Camera) -> None:
@@ -140,8 +149,10 @@ class TrajectoryErrors:
         frames: (N,) their indices in the true trajectory.
         aligned: (N) their estimated poses in the true world.
         position_m: (N,) distance from the true positions.
-        eps_t_deg, eps_theta_deg: (N,) the paper's two errors.
-        step_m, step_deg: (M,) errors of the steps between successive frames that were both registered.
+        eps_t_deg: (N,) the paper's error of positions.
+        eps_theta_deg: (N,) the paper's error of rotations.
+        step_m: (M,) errors of the steps between successive frames that were both registered.
+        step_deg: (M,) errors of the turns between these.
     """
 
     frames: Sequence[int]
@@ -154,8 +165,10 @@ class TrajectoryErrors:
 
 
 def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
-    """Return scale, rotation, translation that map points (N, 3) to their targets with least squares;
-    ArgumentError for fewer than three points, or points or targets on one line."""
+    """Return scale, rotation (3, 3), translation (3,) that map points to their targets with least squares.
+
+    ``points`` and ``targets`` are (N, 3). ArgumentError: fewer than three, or some of them on one line.
+    """
     if len(points) < FEWEST:
         raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
     mean = points.mean(axis=0)
@@ -185,27 +198,46 @@ def trajectory_errors(
         ArgumentError: fewer than three estimates, or positions on one line.
     """
     frames = sorted(estimates)
-    true = [truth[i] for i in frames]
+    true = [truth[frame] for frame in frames]
+    estimated = [estimates[frame] for frame in frames]
     positions = _positions(true)
-    scale, R, t = umeyama(_positions([estimates[i] for i in frames]), positions)
-    aligned = [Pose(scale * R @ estimates[i].position + t, R @ estimates[i].rotation) for i in frames]
+    scale, R, t = umeyama(_positions(estimated), positions)
+    aligned = []
+    turns = []
+    for pose, true_pose in zip(estimated, true, strict=True):
+        moved = Pose(scale * R @ pose.position + t, R @ pose.rotation)
+        aligned.append(moved)
+        turns.append(true_pose.R_w_c @ moved.R_w_c.T)
     reached = _positions(aligned)
-    seen = positions - np.asarray(origin), reached - np.asarray(origin)
-    # By the arc tangent, which is exact for small angles; the arc cosine is not.
-    across = np.linalg.norm(np.cross(*seen), axis=1)
-    ahead = (seen[0] * seen[1]).sum(axis=1)
-    successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
-    ours, theirs = ([poses[i].inverse() @ poses[i + 1] for i in successive] for poses in (aligned, true))
-    steps = [true_step.inverse() @ step for step, true_step in zip(ours, theirs, strict=True)]
+    steps = _step_errors(frames, aligned, true)
     return TrajectoryErrors(
         frames=frames,
         aligned=aligned,
         position_m=np.linalg.norm(reached - positions, axis=1),
-        eps_t_deg=np.asarray(np.degrees(np.arctan2(across, ahead))),
-        eps_theta_deg=_turn_deg([a.R_w_c @ b.R_w_c.T for a, b in zip(true, aligned, strict=True)]),
+        eps_t_deg=_angles_deg(positions - np.asarray(origin), reached - np.asarray(origin)),
+        eps_theta_deg=_turn_deg(turns),
         step_m=np.linalg.norm(_positions(steps), axis=1),
         step_deg=_turn_deg([step.rotation for step in steps]),
     )
+
+
+def _angles_deg(first: Array, second: Array) -> Array:
+    """Return the angles (N,) between two vectors (N, 3) each, degrees."""
+    # By the arc tangent, which is exact for small angles; the arc cosine is not.
+    across = np.linalg.norm(np.cross(first, second), axis=1)
+    ahead = (first * second).sum(axis=1)
+    return np.asarray(np.degrees(np.arctan2(across, ahead)))
+
+
+def _step_errors(frames: Sequence[int], poses: Sequence[Pose], true: Sequence[Pose]) -> list[Pose]:
+    """Return the errors of the steps between frames that follow each other, from the true step."""
+    errors = []
+    for number, (before, after) in enumerate(pairwise(frames)):
+        if after == before + 1:
+            step = poses[number].inverse() @ poses[number + 1]
+            true_step = true[number].inverse() @ true[number + 1]
+            errors.append(true_step.inverse() @ step)
+    return errors
 
 
 def path_length(poses: Sequence[Pose]) -> float:
