@@ -17,7 +17,7 @@ from distributed.scheduler import KilledWorker
 
 from omniscv.cluster.inside import Failure, How
 from omniscv.cluster.workers import RESOURCE
-from omniscv.errors import ClusterError
+from omniscv.errors import ArgumentError, ClusterError
 
 PATIENCE_S = 600.0
 """Seconds without news of any worker after which a run ends."""
@@ -221,6 +221,8 @@ class Tasks:
         """Count a failed attempt; raise what no other attempt mends."""
         address, name = failure.worker
         if failure.is_final:
+            if type(failure.error) is ArgumentError:  # of this worker perhaps, as of other versions there
+                raise ArgumentError(f"worker {name}: {failure.error.message}")
             if failure.error is not None:
                 raise failure.error
             raise ClusterError(f"{task.name}, at worker {name}: {failure.message}; {_AGAIN}")

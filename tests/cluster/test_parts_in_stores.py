@@ -1,13 +1,17 @@
 """Parts of a dataset that is a URL: S3, one that is far away and fails, full ones, a full disk."""
 
 import json
+import subprocess
+import sys
 import threading
+import time
 from collections import Counter
 from dataclasses import replace
 
 import pytest
 from support.datasets import job_file, tree
 from support.full_disk import largest_file
+from support.processes import OMNISCV
 from support.stores import BUCKET, failing_store, s3_application, s3_server, tree_at, twelve_percent
 
 import omniscv
@@ -70,6 +74,30 @@ def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_p
         assert make(there, existing="resume").kept == 3
         assert store.requests < 45
         assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
+
+
+def test_a_refused_put_ends_the_run_of_workers_in_one_line(tmp_path):
+    """A key that may read only: one process and two workers say the same, at once."""
+    path = tmp_path / "job.yaml"
+    path.write_text(
+        "source: scene://four-wall\n"
+        "cameras: {pano: {model: equirectangular, width: 64, height: 32}}\n"
+        "poses: [{position: [0, 0, 1.5]}, {position: [0.2, 0, 1.5]}]\n"
+        f"modes: [lit]\nface_size: 16\nout: s3://{BUCKET}/refused\n"
+    )
+    said = []
+    with s3_application(lambda number: "read_only"):
+        for how in ((), ("--cluster", "local:2")):
+            before_s = time.monotonic()
+            done = subprocess.run(
+                [sys.executable, *OMNISCV, "dataset", "make", str(path), *how],
+                capture_output=True, text=True, timeout=120, check=False,
+            )  # fmt: skip
+            assert time.monotonic() - before_s < 60
+            assert done.returncode == 1
+            said += done.stderr.splitlines()
+    assert len(said) == 2, said
+    assert all("s3://rooms/refused" in line and "Access Denied" in line for line in said)
 
 
 def test_a_late_frame_stops_no_other(monkeypatch):

@@ -129,6 +129,45 @@ def test_frames_that_fail_are_counted_and_named_as_by_one_machine(tmp_path):
 
 
 @pytest.mark.soak
+def test_keep_going_leaves_out_frames_that_fail_on_workers_too(tmp_path):
+    """Both ways report the same frames, one line each, and exit with 1; without it the first one ends all."""
+    env = environment(tmp_path)
+    results = []
+    for how in ((), ("--cluster", "local:2")):
+        job = job_of(tmp_path, f"going-{len(how)}", "trouble://fails@0.95")
+        code, output, lines = made(job, *how, "--keep-going", env=env)
+        left_out = sorted(line for line in lines if "left out" in line)
+        results.append((code, output.splitlines()[-1].partition(": ")[2], left_out))
+    assert results[0] == results[1]
+    code, state, left_out = results[0]
+    assert code == 1
+    assert 1 <= len(left_out) <= 4
+    assert f"{48 - len(left_out)} frames made, 0 kept, {len(left_out)} failed" in state
+    assert tree(tmp_path / "going-0") == tree(tmp_path / "going-2")
+    code, _, lines = made(job_of(tmp_path, "ending", "trouble://fails@0.95"), "--cluster", "local:2", env=env)
+    assert code == 1
+    assert "nothing at 0.9" in lines[-1]
+
+
+@pytest.mark.soak
+def test_a_worker_whose_packages_are_of_other_versions_is_named(tmp_path):
+    """The package is of one version everywhere, NumPy is not: one worker finds what the other wrote."""
+    env = environment(tmp_path)
+    odd = tmp_path / "odd"
+    odd.mkdir()
+    other = environment(odd)
+    (odd / "numpy-0.7.dist-info").mkdir()
+    (odd / "numpy-0.7.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 0.7\n")
+    with scheduler(tmp_path, "even", env=env) as (_, address), _others(tmp_path, address, ["odd"], other):
+        code, _, lines = made(job_of(tmp_path, "mixed", rate=59.75), "--cluster", address)
+    assert code == 1
+    assert re.search(
+        r"omniscv: worker (odd|even): .*parts are made with numpy [\d.]+, this one with", lines[-1]
+    )
+    assert "use one version" in lines[-1]
+
+
+@pytest.mark.soak
 def test_a_worker_that_fails_is_set_aside_and_the_others_make_all(tmp_path):
     env = environment(tmp_path)
     job = job_of(tmp_path, "full", "trouble://full@1", rate=59.75)

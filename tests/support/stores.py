@@ -106,6 +106,15 @@ class Failing:
         start_response("400 Bad Request", [("Content-Length", str(len(body)))])
         return [body]
 
+    def read_only(self, environ: Any, start_response: Any) -> Any:
+        """Answer as Amazon does to a key that may read and list, but not write."""
+        if environ["REQUEST_METHOD"] not in ("PUT", "POST"):
+            return self.served(environ, start_response)
+        environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0))
+        body = b"<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>"
+        start_response("403 Forbidden", [("Content-Length", str(len(body)))])
+        return [body]
+
     def _answer(self, environ: Any) -> tuple[bytes, str, list[tuple[str, str]]]:
         answer: list[Any] = []
         body = b"".join(self.served(environ, lambda status, headers, *_: answer.extend((status, headers))))
