@@ -25,13 +25,25 @@ def traced(scene: Tracer, camera: Camera, pose: Pose) -> Any:
     """Return what the ray of each pixel meets: distance, label and normal of shape (H, W).
 
     Pixels without a ray meet nothing.
+
+    Args:
+        scene: that is traced.
+        camera: whose rays are traced.
+        pose: of the camera.
     """
     rays = camera.unproject()
     return scene.trace(pose.to_world(rays.origins), rays.directions @ pose.rotation.T)
 
 
 def traced_mean(scene: Scene, camera: Camera, pose: Pose, across: int = 4) -> NDArray[np.float64]:
-    """Return each pixel's mean colour over ``across`` x ``across`` rays, (H, W, 3); NaN if invalid."""
+    """Return the mean colour of each pixel's rays, (H, W, 3); NaN if invalid.
+
+    Args:
+        scene: that is traced.
+        camera: whose rays are traced.
+        pose: of the camera.
+        across: rays of a pixel in each direction.
+    """
     total = np.zeros((camera.height, camera.width, 3))
     offsets = (np.arange(across) + 0.5) / across - 0.5
     for dv, du in product(offsets, offsets):

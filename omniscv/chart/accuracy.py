@@ -34,8 +34,9 @@ _Ways = dict[str, list[tuple[str, int | None, float]]]
 _CENTRAL: _Ways = {PAPER: [("cube", None, 1)], EXACT: [("exact", None, size) for size in _SIZES]}
 _NONCENTRAL: _Ways = {
     PAPER: [("cube", None, 1)],
-    EXACT: [("exact", count, 1) for count in (16, 64)] + [("exact", None, size) for size in (1, 2)],
+    EXACT: [("exact", 16, 1), ("exact", 64, 1), ("exact", None, 1), ("exact", None, 2)],
 }
+"""Strategy, viewpoints and size of the faces of each way, by series."""
 _LEAST_NONCENTRAL = 0.001
 """The least aim of cameras with several centres: smaller ones are not reached here."""
 _BALL: Any = {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}
@@ -52,7 +53,8 @@ class Row:
     Attributes:
         viewpoints: None: as many as the strategy takes.
         face_size: px; None: chosen for the aim.
-        requests: of captures, in both modes; megapixels: captured, in both modes.
+        requests: of captures, in both modes.
+        megapixels: captured, in both modes.
         seconds: of capturing by the model: 5 ms a request and 25 ms a megapixel; of a live source measured.
         seconds_at: by the model, by latency, in milliseconds of a request; empty where they are measured.
         doubtful: share of the valid pixels that are marked, or whose depth may be off by more than 1 %.
@@ -90,8 +92,13 @@ def cameras(width: int) -> dict[str, Camera]:
 def measure(
     width: int = 512, asked: Sequence[float] = (0.03, *AIMS), progress: Steps | None = None
 ) -> list[Row]:
-    """Measure all cameras in the four-wall room, by every series of strategies and by values of ``accuracy``;
-    the panorama is ``width`` px wide, the other images a half or a quarter."""
+    """Measure all cameras in the four-wall room, by every series of strategies and by values of ``accuracy``.
+
+    Args:
+        width: of the panorama, px; the other images have a half or a quarter.
+        asked: values of ``accuracy``.
+        progress: is told how many ways are done; None: nobody.
+    """
     scene = open_scene("scene://four-wall").scene
     live = SceneSource(scene, cached_views=1)
     return _measured(cameras(width), _POSE, live, scene, width // 4, asked, progress)
@@ -109,6 +116,14 @@ def measure_own(
 
     Seconds of capturing are modelled where it traces or replays, else measured; wrong pixels are known where
     it traces.
+
+    Args:
+        name: of the camera, in the chart.
+        camera: that is measured.
+        pose: of the camera.
+        source: an open one.
+        asked: values of ``accuracy``.
+        progress: is told how many ways are done; None: nobody.
     """
     tracer = source if source.capabilities.traces else None
     face_px = max(32, camera.width // 4)
@@ -124,10 +139,26 @@ def _measured(
     asked: Sequence[float],
     progress: Steps | None,
 ) -> list[Row]:
+    """Return the rows of cameras by name, each in every way; see :func:`measure_own`.
+
+    Args:
+        shot: the cameras.
+        pose: of each.
+        live: the source.
+        tracer: has the truth; None where it is not known.
+        face_px: size of a face of size 1.
+        asked: values of ``accuracy``.
+        progress: is told how many ways are done; None: nobody.
+    """
     can = live.capabilities
     is_modelled = tracer is not None or can.dialect == "recording"
-    ways = [(name, camera, *way) for name, camera in shot.items() for way in _ways(camera, face_px, asked)]
-    truth = {} if tracer is None else {name: traced(tracer, camera, pose) for name, camera in shot.items()}
+    ways = []
+    truth = {}
+    for name, camera in shot.items():
+        for series, options in _ways(camera, face_px, asked):
+            ways.append((name, camera, series, options))
+        if tracer is not None:
+            truth[name] = traced(tracer, camera, pose)
     rows: list[Row] = []
     for name, camera, series, options in counted(ways, progress):
         if not can.can_set_size:
@@ -148,15 +179,25 @@ def _measured(
         seconds = max(seconds, _LEAST)  # where rays are traced, nothing is captured
         rows.append(
             Row(
-                name, series, options.get("viewpoints"), options.get("face_size"), captures,
-                image.effort.megapixels, seconds, seconds_at if is_modelled else {}, image.doubtful, wrong,
-                compose_s, options.get("accuracy"),
+                camera=name,
+                series=series,
+                viewpoints=options.get("viewpoints"),
+                face_size=options.get("face_size"),
+                requests=captures,
+                megapixels=image.effort.megapixels,
+                seconds=seconds,
+                seconds_at=seconds_at if is_modelled else {},
+                doubtful=image.doubtful,
+                wrong=wrong,
+                compose_s=compose_s,
+                accuracy=options.get("accuracy"),
             )
-        )  # fmt: skip
+        )
     return rows
 
 
 def _capturing_s(source: Source, requests: Iterable[Request]) -> float:
+    """Return the seconds in which a source captures requests."""
     started = time.perf_counter()
     for _ in source.capture(requests):
         pass
@@ -176,26 +217,18 @@ def _ways(camera: Camera, face_px: int, asked: Sequence[float]) -> Iterator[tupl
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them, a panel a camera: ``chart-accuracy`` as JSON, SVG and PNG."""
+    """Write the measurements ``rows`` and draw them, a panel a camera: ``chart-accuracy`` as JSON, SVG and
+    PNG in the folder ``out``."""
     names = list(dict.fromkeys(row.camera for row in rows))
     lines = (len(names) + 1) // 2
     figure, panels = drawing.figure(min(2, len(names)), 0.6 + 2.9 * lines, finding(rows), lines)
-    series = [name for name in dict.fromkeys(row.series for row in rows) if name not in (PAPER, DEFAULT)]
-    looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
+    looks: dict[str, Look] = {}
+    for row in rows:
+        if row.series not in (PAPER, DEFAULT, *looks):
+            looks[row.series] = Look(COLORS[len(looks)], MARKERS[len(looks)], "-")
     looks |= {PAPER: Look(INK, "P", ""), DEFAULT: Look(INK, "*", "")}
     for name, axes in zip(names, panels, strict=False):
-        mine = [row for row in rows if row.camera == name]
-        labels = ["" if row.accuracy is None else f"{100 * row.accuracy:g} %" for row in mine]
-        dots = [
-            Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
-            for row, label in zip(mine, labels, strict=True)
-        ]
-        drawing.dots(axes, dots, looks)
-        for row in mine if rows[0].wrong is not None else ():
-            look = looks[row.series]
-            wrong = 100 * max(row.wrong or 0.0, _LEAST)
-            axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
-        _draw_aims(axes)
+        _draw(axes, [row for row in rows if row.camera == name], looks)
         axes.set_title(name, size=10, color=INK)
     price = f"{MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel"
     figure.supxlabel(f"seconds of capturing: {price if rows[0].seconds_at else 'measured'}", size=9)
@@ -206,7 +239,23 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     return drawing.write(rows, figure, out, "chart-accuracy")
 
 
+def _draw(axes: Axes, rows: Sequence[Row], looks: dict[str, Look]) -> None:
+    """Draw a camera's ways: doubt by cost, hollow what is wrong where the truth is known, and the aims."""
+    dots = []
+    for row in rows:
+        label = "" if row.accuracy is None else f"{100 * row.accuracy:g} %"
+        dots.append(Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST)))
+    drawing.dots(axes, dots, looks)
+    for row in rows:
+        if row.wrong is not None:
+            look = looks[row.series]
+            wrong = 100 * max(row.wrong, _LEAST)
+            axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
+    _draw_aims(axes)
+
+
 def _draw_aims(axes: Axes) -> None:
+    """Draw the aims as dotted lines."""
     limits = axes.get_xlim()
     for aim in AIMS:
         axes.axhline(100 * aim, color=MUTED, lw=0.7, ls=":", zorder=1)
@@ -221,8 +270,9 @@ def finding(rows: Sequence[Row]) -> str:
     """Return the title, which states the result: what an image no more doubtful than the paper's costs."""
     cheaper = []
     for camera in dict.fromkeys(row.camera for row in rows):
-        mine = [row for row in rows if row.camera == camera]
-        paper = next(row for row in mine if row.series == PAPER)
-        ratio = paper.seconds / min(row.seconds for row in mine if row.doubtful <= paper.doubtful)
-        cheaper += [f"a {camera} {ratio:.0f} times cheaper"] if ratio >= _CHEAPER else []
+        rows_here = [row for row in rows if row.camera == camera]
+        paper = next(row for row in rows_here if row.series == PAPER)
+        ratio = paper.seconds / min(row.seconds for row in rows_here if row.doubtful <= paper.doubtful)
+        if ratio >= _CHEAPER:
+            cheaper.append(f"a {camera} {ratio:.0f} times cheaper")
     return "No more doubt than with the paper's full capture: " + (", ".join(cheaper) or "at no less cost")

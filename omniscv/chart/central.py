@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,8 +35,15 @@ DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 QUICK = {"width": 64}
 _POSITION = (0.1, -0.2, 1.45)
 _LEVEL = Pose.from_angles(_POSITION)
+_WARMING = 2  # rounds that are not measured
 _ROUNDS = 9
 _WHITE = 255.0
+
+Image = NDArray[np.uint8]
+_Way = tuple[str, int, str]
+"""The filter or the other program, the face size, px, and what is kept of the map: see :class:`Row`."""
+_Ways = dict[_Way, Callable[[int], Image]]
+"""Functions that compose the image in a round."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +73,17 @@ class Row:
 
 
 def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
-    """Measure every way in the four-wall room, of a panorama ``width`` px wide."""
+    """Measure every way in the four-wall room.
+
+    Args:
+        width: of the panorama, px.
+        progress: is told how many rounds are done; None: nobody.
+    """
     camera = create("equirectangular", width=width, height=width // 2)
     scene = open_scene("scene://four-wall").scene
-    ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}
-    for edge in (round(width / 4 * scale) for scale in SCALES):
+    ways: _Ways = {}
+    for scale in SCALES:
+        edge = round(width / 4 * scale)
         fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(edge, edge), fov_deg=90.0)
         source = HeldCaptures(SceneSource(scene, fixed, cached_views=1), {}, all_=True)
         for filter in FILTERS:
@@ -78,12 +92,10 @@ def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
             if filter == DEFAULT[0]:
                 ways[filter, edge, "new"] = _ours(Renderer(source), camera, options, new=True)
     edge = round(width / 4)
-    views = [View(Pose(_LEVEL.position, rotation), 90.0, edge, edge) for _, rotation in cube_rotations()]
-    captures = SceneSource(scene).capture(Request(view, "lit") for view in views)
-    faces = {name: capture.pixels for (name, _), capture in zip(cube_rotations(), captures, strict=True)}
+    faces = _faces(SceneSource(scene), edge)
     for name, peer in peers(faces, camera).items():
         ways[name, edge, "none" if name == PAPER else "kept"] = peer
-    limit = "cv2.remap, map ready", edge, "kept"
+    limit = ("cv2.remap, map ready", edge, "kept")
     ways[limit] = remap_limit(camera, list(faces.values()))
     times = _best_ms(ways, progress)
     mean = traced_mean(scene, camera, _LEVEL)
@@ -97,6 +109,19 @@ def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
     return rows
 
 
+def _faces(source: SceneSource, edge: int) -> dict[str, Image]:
+    """Return the colours (edge, edge, 3) of the six faces of a cube, by name."""
+    requests = []
+    names = []
+    for name, rotation in cube_rotations():
+        names.append(name)
+        requests.append(Request(View(Pose(_LEVEL.position, rotation), 90.0, edge, edge), "lit"))
+    faces = {}
+    for name, capture in zip(names, source.capture(requests), strict=True):
+        faces[name] = capture.pixels
+    return faces
+
+
 def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bool) -> Callable[[int], Image]:
     """Return a function of the round that composes the image: level, or with ``new`` turned by the round."""
 
@@ -107,24 +132,28 @@ def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bo
     return compose
 
 
-def _best_ms(
-    ways: dict[tuple[str, int, str], Callable[[int], Image]], progress: Steps | None
-) -> dict[tuple[str, int, str], float]:
-    times: dict[tuple[str, int, str], list[float]] = {key: [] for key in ways}
-    for turn in counted(range(_ROUNDS + 2), progress):
+def _best_ms(ways: _Ways, progress: Steps | None) -> dict[_Way, float]:
+    """Return the time of each way, ms: the best of nine rounds, after two that warm up."""
+    best_ms = dict.fromkeys(ways, math.inf)
+    for turn in counted(range(_WARMING + _ROUNDS), progress):
         for key, way in ways.items():
             started = time.perf_counter()
             way(turn)
-            times[key].append(time.perf_counter() - started)
-    return {key: 1e3 * min(seconds[2:]) for key, seconds in times.items()}
+            if turn >= _WARMING:
+                best_ms[key] = min(best_ms[key], 1e3 * (time.perf_counter() - started))
+    return best_ms
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them: ``chart-central`` as JSON, SVG and PNG."""
+    """Write the measurements ``rows`` and draw them: ``chart-central`` as JSON, SVG and PNG in the folder
+    ``out``."""
     figure, (axes,) = drawing.figure(1, 4.6, finding(rows))
     ways = [_dot(row) for row in rows if np.isfinite(row.rms)]
-    looks: dict[str, Look] = {str(name): Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(FILTERS)}
-    looks |= {dot.series: Look(INK, "P", "") for dot in ways if dot.series not in looks}
+    looks: dict[str, Look] = {}
+    for filter, color, marker in zip(FILTERS, COLORS, MARKERS, strict=False):
+        looks[filter] = Look(color, marker, "-")
+    for dot in ways:
+        looks.setdefault(dot.series, Look(INK, "P", ""))
     drawing.dots(axes, ways, looks)
     for row in rows:
         if not np.isfinite(row.rms):
@@ -140,9 +169,12 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
 
 
 def _dot(row: Row) -> Dot:
+    """Return a row as a dot: of ours with the face size, hollow where the map is new."""
     hollow = row.map != "kept"
-    text = row.name if not row.ours else "" if hollow else str(row.face_size)
-    return Dot(row.name if row.ours else "others", text, row.ms, row.rms, row.default and not hollow, hollow)
+    if not row.ours:
+        return Dot("others", row.name, row.ms, row.rms, row.default and not hollow, hollow)
+    label = "" if hollow else str(row.face_size)
+    return Dot(row.name, label, row.ms, row.rms, row.default and not hollow, hollow)
 
 
 def finding(rows: Sequence[Row]) -> str:
@@ -150,17 +182,24 @@ def finding(rows: Sequence[Row]) -> str:
     ours = next(row for row in rows if row.default and row.map == "kept")
     drawn = [row for row in rows if np.isfinite(row.rms)]
     others = [row for row in drawn if not row.ours]
-    beaten = [f"{row.ms / ours.ms:.1f} times as fast as {row.name}" for row in others if row.ms > ours.ms]
+    beaten = []
+    for row in others:
+        if row.ms > ours.ms:
+            beaten.append(f"{row.ms / ours.ms:.1f} times as fast as {row.name}")
     truest = min(others, key=lambda row: row.rms)
-    nearer = f"{truest.name} is nearer to the truth by {1 - truest.rms / ours.rms:.1%}"
-    truth = "none of them is nearer to the truth" if truest.rms >= ours.rms else nearer
+    truth = "none of them is nearer to the truth"
+    if not truest.rms >= ours.rms:
+        truth = f"{truest.name} is nearer to the truth by {1 - truest.rms / ours.rms:.1%}"
     best = drawing.front([_dot(row) for row in drawn])
-    named = [f"{row.name} {row.face_size}" if row.ours else row.name for row in drawn if _dot(row) in best]
+    in_front = []
+    for row in drawn:
+        if _dot(row) in best:
+            in_front.append(f"{row.name} {row.face_size}" if row.ours else row.name)
     sizes = f"6 x {ours.face_size}\N{SUPERSCRIPT TWO} to {ours.width} x {ours.width // 2} px"
-    return f"{sizes}, {ours.name}: {ours.ms:.1f} ms, {', '.join(beaten)}; {truth}. Front: {', '.join(named)}"
+    speed = f"{ours.ms:.1f} ms, {', '.join(beaten)}"
+    return f"{sizes}, {ours.name}: {speed}; {truth}. Front: {', '.join(in_front)}"
 
 
-Image = NDArray[np.uint8]
 Peer = Callable[[int], Image]
 """Composes the image; the number of the round is not used."""
 
@@ -168,7 +207,12 @@ PAPER = "the paper's algorithm"
 
 
 def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:
-    """Return the installed peers by name; the paper's algorithm is always among them."""
+    """Return the installed peers by name; the paper's algorithm is always among them.
+
+    Args:
+        faces: (edge, edge, 3) of the cube, by name.
+        camera: whose image they compose.
+    """
     in_order = [faces[name] for name, _ in cube_rotations()]
     installed: dict[str, Peer] = {PAPER: lambda turn: paper(in_order, camera)}
     if find_spec("py360convert"):
@@ -187,6 +231,10 @@ def paper(faces: Sequence[Image], camera: Camera) -> Image:
     """Compose as OmniSCV (2020): the colour of each pixel is that of the face's pixel that its ray meets.
 
     Nothing is kept from image to image.
+
+    Args:
+        faces: (edge, edge, 3) of the cube, in the order of :func:`omniscv.geometry.cube_rotations`.
+        camera: a central one.
     """
     rays = camera.unproject().directions @ R_LEVEL.T
     R_w_f = np.array([rotation for _, rotation in cube_rotations()])
@@ -199,7 +247,12 @@ def paper(faces: Sequence[Image], camera: Camera) -> Image:
 
 
 def remap_limit(camera: Camera, faces: Sequence[Image]) -> Peer:
-    """Return the limit of sampling with OpenCV on a CPU: one remap with a map that is ready."""
+    """Return the limit of sampling with OpenCV on a CPU: one remap with a map that is ready.
+
+    Args:
+        camera: of whose size images are sampled.
+        faces: (edge, edge, 3) of a cube.
+    """
     import cv2
 
     atlas = np.ascontiguousarray(np.concatenate(faces, axis=1))
@@ -213,7 +266,9 @@ def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
     """Return ffmpeg's filter, which keeps its map from frame to frame."""
     import av
 
-    picture = np.concatenate([np.concatenate(faces[i : i + 3], axis=1) for i in (0, 3)])
+    upper = np.concatenate(faces[:3], axis=1)
+    lower = np.concatenate(faces[3:], axis=1)
+    picture = np.concatenate([upper, lower])
     time_base = Fraction(1, 25)
     graph = av.filter.Graph()
     frames = count()

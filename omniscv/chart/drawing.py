@@ -44,7 +44,8 @@ class Dot:
     Attributes:
         series: dots of one series are joined.
         label: beside the dot; empty for none.
-        x, y: cost and error, both > 0.
+        x: the cost, > 0.
+        y: the error, > 0.
         default: whether it is ringed.
         hollow: whether its inside is white.
     """
@@ -77,7 +78,15 @@ def front(ways: Sequence[Dot]) -> list[Dot]:
 def figure(
     columns: int, height_in: float, title: str, lines: int = 1, shared: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure 800 px wide and its panels, row by row; ``shared`` are the scales of all their axes."""
+    """Return a figure 800 px wide and its panels, row by row.
+
+    Args:
+        columns: of panels.
+        height_in: of the figure, inches of 100 px.
+        title: is wrapped.
+        lines: of panels.
+        shared: whether all panels have the same scales.
+    """
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
@@ -85,11 +94,16 @@ def figure(
 
 
 def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:
-    """Write dataclasses as ``NAME.json`` and a figure as ``NAME.svg`` and ``NAME.png``; return the paths.
+    """Write measurements and their figure; return the paths. Equal figures have equal bytes.
 
-    NaN becomes null. The folder is made if missing. Equal figures have equal bytes.
+    Args:
+        rows: dataclasses, written as ``NAME.json``; NaN becomes null.
+        figure: written as ``NAME.svg`` and ``NAME.png``.
+        out: the folder, made if missing.
+        name: of the files.
+        dpi: px of the PNG for an inch.
     """
-    data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
+    data = write_json(out / f"{name}.json", finite(list(map(asdict, rows))))
     svg = out / f"{name}.svg"
     png = out / f"{name}.png"
     with whole_file(svg) as part, mpl.rc_context({"svg.hashsalt": name}):
@@ -100,40 +114,64 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
-    """Draw ways with their labels on logarithmic axes, and shade the region that they beat."""
+    """Draw ways with their labels on logarithmic axes, and shade the region that they beat.
+
+    Args:
+        axes: of the panel.
+        ways: dots, those of a series one after the other.
+        looks: the style of each series, by name.
+    """
     axes.set(xscale="log", yscale="log")
     for (series, look), hollow in product(looks.items(), (False, True)):
-        group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
-        x, y = [dot.x for dot in group], [dot.y for dot in group]
-        face = "white" if hollow else look.color
-        line = look.line or "none"
-        axes.plot(
-            x, y, ls=line, marker=look.marker, color=look.color, mfc=face, lw=1.2, ms=6, zorder=3,
-            label=None if hollow or not group else series,
-        )  # fmt: skip
-    for before, dot in zip((None, *ways), ways, strict=False):
-        look = looks[dot.series]
-        gap = 12 if dot.default else 8
-        align = ("center", "baseline")
-        offset = 0, gap
-        if not look.line:  # single dots apart from those of curves
-            offset = (0, -gap)
-            align = ("center", "top")
-        elif before is not None and before.series == dot.series and abs(math.log(dot.x / before.x)) < _STEEP:
-            offset = (-gap, 0)
-            align = ("right", "center")
-        axes.annotate(
-            dot.label, (dot.x, dot.y), offset, textcoords="offset points", ha=align[0], va=align[1],
-            size=7.5, color=tuple(0.72 * part for part in to_rgb(look.color)),
-        )  # fmt: skip
-        if dot.default:
-            axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
+        _plot(
+            axes, series, [dot for dot in ways if dot.series == series and dot.hollow == hollow], look, hollow
+        )
+    before: Dot | None = None
+    for dot in ways:
+        _label(axes, before, dot, looks[dot.series])
+        before = dot
     axes.margins(0.18)
     for axis in (axes.xaxis, axes.yaxis):
         plain(axis)
     axes.grid(True, which="major", color="#d5d9e0", lw=0.5, zorder=0)
     axes.tick_params(labelsize=8, colors=INK)
     _shade(axes, ways)
+
+
+def _plot(axes: Axes, series: str, group: Sequence[Dot], look: Look, hollow: bool) -> None:
+    """Draw the dots of a series that are hollow, or those that are not."""
+    axes.plot(
+        [dot.x for dot in group],
+        [dot.y for dot in group],
+        ls=look.line or "none",
+        marker=look.marker,
+        color=look.color,
+        mfc="white" if hollow else look.color,
+        lw=1.2,
+        ms=6,
+        zorder=3,
+        label=None if hollow or not group else series,
+    )
+
+
+def _label(axes: Axes, before: Dot | None, dot: Dot, look: Look) -> None:
+    """Write a dot's label beside it, where the line to the dot before leaves room, and ring a default."""
+    gap = 12 if dot.default else 8
+    align = ("center", "baseline")
+    offset = (0, gap)
+    if not look.line:  # single dots apart from those of curves
+        offset = (0, -gap)
+        align = ("center", "top")
+    elif before is not None and before.series == dot.series and abs(math.log(dot.x / before.x)) < _STEEP:
+        offset = (-gap, 0)
+        align = ("right", "center")
+    red, green, blue = to_rgb(look.color)
+    axes.annotate(
+        dot.label, (dot.x, dot.y), offset, textcoords="offset points", ha=align[0], va=align[1],
+        size=7.5, color=(0.72 * red, 0.72 * green, 0.72 * blue),
+    )  # fmt: skip
+    if dot.default:
+        axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
 
 
 def plain(axis: Axis, ticks: Sequence[int] = (1, 2, 5)) -> None:

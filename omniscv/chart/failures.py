@@ -56,13 +56,11 @@ _MODES = ("lit", "object_mask", "depth")
 _FACE = 96 / 128  # px of a face for each of the image's width
 _RADIUS_M = 0.4
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
-# errors from which colours, and depth (relative), are wrong
-_LEVELS = 8 / 255
-_DEPTH = 0.01
+_LEVELS = 8 / 255  # error from which a colour is wrong
+_DEPTH = 0.01  # relative error from which depth is wrong
 _SLACK = _DEPTH / 10  # relative error that a bound of depth may miss
-# least increase of wrong and of unmarked pixels that counts, as a share
-_BROKEN = 0.002
-_UNMARKED = 0.001
+_BROKEN = 0.002  # least increase of wrong pixels that counts, a share
+_UNMARKED = 0.001  # least increase of unmarked pixels that counts, a share
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
 _SLITS_PX = 8
@@ -74,10 +72,11 @@ room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
   ceiling_texture: {{kind: plain, colors: [[0.9, 0.9, 0.9]]}}}}
 objects: {{Parts: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
 """
-# of a structure before a wall: a px of a face of 96 is so wide
-_AHEAD_M = 2.6
-_HALF_M = 2.5
-_PX_M = 2.5 / 48
+
+# A structure before a wall, metres:
+_AHEAD_M = 2.6  # from the camera
+_HALF_M = 2.5  # to either side
+_PX_M = 2.5 / 48  # the width of a px of a face of 96
 
 
 def _solids(name: str, strength: float) -> Iterator[str]:
@@ -91,9 +90,10 @@ def _solids(name: str, strength: float) -> Iterator[str]:
     for y in np.arange(-_HALF_M, _HALF_M, pitch_m):
         at = f"at: [{_AHEAD_M}, {y:.5f}, 1.5]"
         wide_m = pitch_m - strength * _PX_M if name == "slit" else 0.6 * pitch_m
-        round_ = f"cylinder: [{pitch_m / 2:.5f}, 3]"
-        bar = f"box: [0.02, {wide_m:.5f}, 3]"
-        yield f"{{{round_ if name == 'relief' else bar}, {at}}}"
+        solid = f"box: [0.02, {wide_m:.5f}, 3]"
+        if name == "relief":
+            solid = f"cylinder: [{pitch_m / 2:.5f}, 3]"
+        yield f"{{{solid}, {at}}}"
 
 
 class Cause(NamedTuple):
@@ -125,6 +125,7 @@ class Cause(NamedTuple):
 
 
 def _fault(name: str, unit: str, *strengths: float | str, fault: str = "") -> Cause:
+    """Return a cause that is a fault of the mock server, called as the cause unless ``fault`` is given."""
     return Cause(name, unit, strengths, f"fault={fault or name.replace(' ', '-')}={{}}")
 
 
@@ -246,16 +247,25 @@ def _color(scene: Scene, origins: Array, directions: Array, fault: str, name: st
 
 
 def wrong_depth(depth: Array, hits: Hits) -> Mask:
-    """Return where depth is off by more than 1 %, or endless on one side only."""
+    """Return where ``depth`` is off from the distance of ``hits`` by more than 1 %, or one of them is
+    endless."""
     endless = np.isposinf(depth) & np.isposinf(hits.distance)
     with np.errstate(invalid="ignore"):
         return np.asarray(~endless & ~(np.abs(depth - hits.distance) <= _DEPTH * hits.distance))
 
 
 def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[str] = ()) -> list[Row]:
-    """Measure causes at all strengths, in images of a width, px; all causes if none is named."""
-    selected = [cause for cause in CAUSES if not causes or cause.name in causes]
-    steps = [(cause, strength) for cause in selected for strength in cause.strengths]
+    """Measure causes at all strengths.
+
+    Args:
+        width: of the images, px.
+        progress: is told how many strengths are done; None: nobody.
+        causes: their names; all if none is named.
+    """
+    steps = []
+    for cause in CAUSES:
+        if not causes or cause.name in causes:
+            steps += [(cause, strength) for strength in cause.strengths]
     rows: list[Row] = []
     sound: dict[str, _Outcome] = {}
     with TemporaryDirectory() as folder:
@@ -279,6 +289,7 @@ class _Outcome(NamedTuple):
 
 
 def _examine(scene: str, query: str, width: int, pose: Pose, checks: str = "none") -> _Outcome:
+    """Return the outcome of images ``width`` px wide of a mock server, and of the doctor's examination."""
     size = {"width": width, "height": width // 2}
     face_size = round(_FACE * width)
     ring = create("noncentral-panorama", **size, radius=_RADIUS_M)
@@ -310,6 +321,7 @@ def _examine(scene: str, query: str, width: int, pose: Pose, checks: str = "none
 
 
 def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
+    """Return the name of a cause's scene, or the path of one that is written into the folder."""
     if cause.scene != "parts":
         return cause.scene
     path = folder / f"{cause.name.replace(' ', '-')}-{strength}.yaml"
@@ -318,26 +330,28 @@ def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
 
 
 def _rows(cause: Cause, strength: float | str, outcome: _Outcome, sound: _Outcome) -> Iterator[Row]:
+    """Yield the rows of a cause at a strength; ``sound`` is the outcome without the fault."""
     findings = tuple(sorted(outcome.findings - sound.findings))
     for column, result in outcome.images.items():
         base = sound.images[column]
         assert not isinstance(base, str), base
-        where = cause.name, cause.unit, strength, column
+        where = (cause.name, cause.unit, strength, column)
         if isinstance(result, str):
-            yield Row(*where, None, None, "refused", findings, result)
+            yield Row(*where, wrong=None, unmarked=None, said="refused", findings=findings, refusal=result)
             continue
         wrong, unmarked = result
         if wrong <= base[0] + _BROKEN and unmarked <= base[1] + _BROKEN:
-            said = "holds"
+            answer = "holds"
         elif findings:
-            said = "doctor"
+            answer = "doctor"
         else:
-            said = "marked" if unmarked <= base[1] + _UNMARKED else "silent"
-        yield Row(*where, wrong, unmarked, said, findings)
+            answer = "marked" if unmarked <= base[1] + _UNMARKED else "silent"
+        yield Row(*where, wrong, unmarked, answer, findings)
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them: ``chart-failures`` as JSON, SVG and PNG."""
+    """Write the measurements ``rows`` and draw them: ``chart-failures`` as JSON, SVG and PNG in the folder
+    ``out``."""
     causes = list(dict.fromkeys(row.cause for row in rows))
     size = 1.2 + _LINE_IN * len(causes)
     title = f"{finding(rows)}. {_KEY}"
@@ -347,8 +361,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     for axes, column in zip(panels, COLUMNS, strict=False):
         axes.set_title(column, size=10, color=drawing.INK)
     for axes, cause in zip(panels[:: len(COLUMNS)], causes, strict=True):
-        mine = [row for row in rows if row.cause == cause]
-        text = f"{cause}\n{mine[0].strength} to {mine[-1].strength} {mine[0].unit}"
+        rows_here = [row for row in rows if row.cause == cause]
+        strengths = f"{rows_here[0].strength} to {rows_here[-1].strength}"
+        text = f"{cause}\n{strengths} {rows_here[0].unit}"
         axes.set_ylabel(text, rotation=0, ha="right", va="center", size=8, color=drawing.INK)
     for color, label in ANSWERS.values():
         panels[0].plot([], [], "o", color=color, label=label, ms=6)
@@ -357,21 +372,27 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
 
 
 def _draw(axes: Axes, rows: Sequence[Row]) -> None:
-    share = [1.0 if row.wrong is None else max(row.wrong, _LEAST) for row in rows]
-    axes.semilogy(range(len(rows)), share, color="#c3c9d2", lw=1.2, zorder=1)
-    for at, (row, value) in enumerate(zip(rows, share, strict=True)):
-        marker = "x" if row.said == "refused" else "o"
-        style: Any = {"color": ANSWERS[row.said][0], "mew": 2 if marker == "x" else 0}
-        axes.plot(at, value, marker, ms=5.5, zorder=2, **style)
+    """Draw the share of wrong pixels by strength, and the software's answers."""
+    axes.semilogy(range(len(rows)), [_height(row) for row in rows], color="#c3c9d2", lw=1.2, zorder=1)
+    for i, row in enumerate(rows):
+        color = ANSWERS[row.said][0]
+        if row.said == "refused":
+            axes.plot(i, _height(row), "x", ms=5.5, zorder=2, color=color, mew=2)
+        else:
+            axes.plot(i, _height(row), "o", ms=5.5, zorder=2, color=color, mew=0)
     axes.set(ylim=(_LEAST / 2, 6), xlim=(-0.5, max(len(rows), 1) - 0.5))
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False, which="both")
     for side in axes.spines.values():
         side.set(color="#d5d9e0", lw=0.6)
 
 
+def _height(row: Row) -> float:
+    """Return the share of wrong pixels as it is drawn: all of a refused image, and not 0."""
+    return 1.0 if row.wrong is None else max(row.wrong, _LEAST)
+
+
 def finding(rows: Sequence[Row]) -> str:
     """Return the title, which states the result."""
-    fails = [row for row in rows if row.said != "holds"]
-    silent = [row for row in fails if row.said == "silent"]
-    said = len(fails) - len(silent)
-    return f"Of {len(fails)} failures, {said} are refused, found or marked; {len(silent)} are silent"
+    failures = sum(row.said != "holds" for row in rows)
+    silent = sum(row.said == "silent" for row in rows)
+    return f"Of {failures} failures, {failures - silent} are refused, found or marked; {silent} are silent"

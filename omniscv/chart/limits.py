@@ -27,10 +27,14 @@ Pixels = Callable[[Camera, float], Array]
 
 
 def bisect(inside: Callable[[float], bool], low: float, high: float, steps: int) -> float:
-    """Return the largest number between ``low``, inside, and ``high`` that is still inside."""
+    """Return the largest number between ``low``, inside, and ``high`` that is still ``inside``, by halving
+    the interval ``steps`` times."""
     for _ in range(steps):
         middle = (low + high) / 2
-        low, high = (middle, high) if inside(middle) else (low, middle)
+        if inside(middle):
+            low = middle
+        else:
+            high = middle
     return low
 
 
@@ -49,6 +53,7 @@ def _at_radii(fractions: Callable[[float], Sequence[float]]) -> Pixels:
     along = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
 
     def pixels(camera: Camera, left: float) -> Array:
+        """Return the pixels (N, 2) of ``camera`` where ``left`` is left to the limit."""
         offsets = np.multiply.outer(fractions(left), along).reshape(-1, 2)
         return np.asarray(camera.center + last_radius(camera) * offsets)
 
@@ -61,7 +66,8 @@ tip = _at_radii(lambda left: (left,))
 
 
 def edge_to_the_right(camera: Camera, left: float) -> Array:
-    """Return one pixel that approaches the last valid one, for borders that are not circles."""
+    """Return one pixel (1, 2) of ``camera``, ``left`` of the radius from the last valid one, for borders that
+    are not circles."""
     return np.asarray(camera.center + np.array([[last_radius(camera) * (1 - left), 0.0]]))
 
 
@@ -140,6 +146,10 @@ def _far(left: float) -> float:
     return 10 / left
 
 
+def _at_the_cone(left: float) -> float:
+    return BEYOND_THE_CONE
+
+
 def _beyond(left: float) -> float:
     return BEYOND_THE_CONE / left
 
@@ -156,7 +166,11 @@ def _to(limit: str, pixels: Pixels = everywhere, *, metres: Any = None, **option
         fields["metres"] = metres
 
     def parameters(left: float) -> dict[str, Any]:
-        return {key: value(left) if callable(value) else value for key, value in options.items()}
+        values = dict(options)
+        for key, value in options.items():
+            if callable(value):
+                values[key] = value(left)
+        return values
 
     return lambda name: Approach(limit, lambda left: create(name, **parameters(left)), pixels, **fields)
 
@@ -268,10 +282,8 @@ _LIMITS: dict[str, list[Limit]] = {
     "noncentral-conical-mirror": [
         _to("r → tan τ", edge, metres=_far, half_angle_deg=40, distance=0.3),
         _to("r → 0, the tip", tip, past=0.0, half_angle_deg=60, distance=0.3),
-        *(
-            _to(text, metres=lambda left: BEYOND_THE_CONE, half_angle_deg=_up_to(limit), distance=0.3)
-            for limit, text in ((45, "τ → 45°"), (90, "τ → 90°, a plane"))
-        ),
+        _to("τ → 45°", metres=_at_the_cone, half_angle_deg=_up_to(45), distance=0.3),
+        _to("τ → 90°, a plane", metres=_at_the_cone, half_angle_deg=_up_to(90), distance=0.3),
         _to("τ → 0, a needle", metres=_beyond, half_angle_deg=_down_from(60), distance=0.3),
     ],
     "noncentral-spherical-mirror": [
@@ -284,9 +296,12 @@ _LIMITS: dict[str, list[Limit]] = {
 def approaches(name: str) -> list[Approach]:
     """Return the approaches of any registered model, and the further ones of this model."""
     cls = cameras.model(name)
-    last = Approach("pixel → last valid one", lambda left: cls.example(SIZE), edge, _metres(cls))
-    widest = [_widest(cls, key) for key in inspect.signature(cls).parameters if key.startswith("fov_")]
-    return [last, *widest, *(limit(name) for limit in _LIMITS.get(name, []))]
+    ways = [Approach("pixel → last valid one", lambda left: cls.example(SIZE), edge, _metres(cls))]
+    for key in inspect.signature(cls).parameters:
+        if key.startswith("fov_"):
+            ways.append(_widest(cls, key))
+    ways += [limit(name) for limit in _LIMITS.get(name, [])]
+    return ways
 
 
 def _widest(cls: type[Camera], key: str) -> Approach:

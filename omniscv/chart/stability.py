@@ -43,17 +43,24 @@ class Row:
 
 
 def measure(progress: Steps | None = None, models: Sequence[str] | None = None) -> list[Row]:
-    """Measure every approach to a limit of models, by name; of all that are registered if not given."""
+    """Measure every approach to a limit of models.
+
+    Args:
+        progress: is told how many models are done; None: nobody.
+        models: by name; None: all that are registered.
+    """
     rows: list[Row] = []
     for name in counted(cameras.names() if models is None else models, progress):
-        for way in approaches(name):
-            known = tuple(way.known_px(STEPS).tolist()) if way.known_px else None
-            rows.append(Row(name, way.limit, way.beyond(), tuple(map(way.error_px, STEPS)), known))
+        for approach in approaches(name):
+            known = tuple(approach.known_px(STEPS).tolist()) if approach.known_px else None
+            error_px = tuple(map(approach.error_px, STEPS))
+            rows.append(Row(name, approach.limit, approach.beyond(), error_px, known))
     return rows
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the measurements and draw them, all models on one screen: ``stability`` as JSON, SVG and PNG."""
+    """Write the measurements ``rows`` and draw them, all models on one screen: ``stability`` as JSON, SVG and
+    PNG in the folder ``out``."""
     names = list(dict.fromkeys(row.model for row in rows))
     lines = len(names) // _COLUMNS + 1  # at least one panel is left for the legend
     figure, panels = drawing.figure(_COLUMNS, 0.9 + _HEIGHT_IN * lines, finding(rows), lines, shared=True)
@@ -78,6 +85,7 @@ def finding(rows: Sequence[Row]) -> str:
 
 
 def _draw(axes: Axes, name: str, rows: Sequence[Row]) -> None:
+    """Draw the errors of a model along its approaches."""
     for row in rows:
         axes.loglog(STEPS, np.maximum(row.error_px, _FLOOR_PX), lw=0.9, color=_BEYOND[row.beyond])
         if row.known_px:
