@@ -340,7 +340,7 @@ class Fit:
         chosen: list[int] = []
         refused: set[int] = set()
         others: list[list[int]] = []  # for each chosen one, what explains the same
-        sigmas = np.zeros(0)
+        sigmas = np.zeros(0)  # of the chosen ones
         system = self.system(theta)
         if system is None:
             return Found([], np.full((1, 1), np.nan), 0.0)
@@ -364,12 +364,16 @@ class Fit:
         noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
         sizes = theta[self.possible][chosen]
         model = np.hypot((_INEXACT + _PER_NOISE * noise) * sizes, _OF_MATTERS * matters[chosen])
-        parameters = [PARAMETERS[i] for i in self.possible]
         faults = []
         for i, size, sigma, also in zip(chosen, sizes, np.hypot(sigmas, model), others, strict=True):
-            alternatives = tuple(parameters[j] for j in also)
-            faults.append(Fault(parameters[i], float(size), float(sigma), alternatives))
+            faults.append(
+                Fault(self._parameter(i), float(size), float(sigma), tuple(map(self._parameter, also)))
+            )
         return Found(faults, system.left, system.drift)
+
+    def _parameter(self, index: int) -> Parameter:
+        """Return one of the parameters that may be off."""
+        return PARAMETERS[self.possible[index]]
 
     def _gains(self, system: System, chosen: list[int], refused: set[int]) -> list[tuple[float, int]]:
         """Return the gain of each further parameter that may be off, the least first."""

@@ -1,6 +1,6 @@
 """What pictures with poses and depth say of themselves: their convention, and what is off within it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -209,32 +209,14 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     if pictures.grey is None:
         return []
     motion = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
-    steps = np.diag([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
-    x = np.zeros(3)
-    sigma = np.zeros(3)
 
     def scores(x: Array) -> Array:
         scale = float(np.exp(x[0]))
         return pictures.agreements(*motion, (_POINTS, _TOLERANCE, along), (scale, scale, x[1], x[2]))[:, 1]
 
-    def slopes_at(x: Array) -> Array:
-        return np.stack([scores(x + step) - scores(x - step) for step in steps], axis=-1) / 2
-
-    before = scores(x)
-    for reach in _REACHES:
-        for axis, parameter in zip(np.eye(3), OF_COLORS, strict=True):
-            trials = x + axis * np.linspace(-reach, reach, _TRIALS)[:, None] * parameter.most
-            x = max([x, *trials], key=lambda trial: float(scores(trial).mean()))
-    for _ in range(_ROUNDS):
-        slopes = slopes_at(x)
-        bends = []
-        for step in steps:
-            bends.append((slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2)
-        mean = slopes.mean(axis=0)
-        inverse = np.linalg.pinv(np.stack(bends))
-        x = x - np.diag(steps) * np.clip(inverse @ mean, -3, 3)
-        blocks = np.stack([block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)])
-        sigma = np.diag(steps) * np.linalg.norm(blocks / len(slopes) @ inverse, axis=0)
+    before = scores(np.zeros(3))
+    steps = np.array([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
+    x, sigma = _refined(scores, _searched(scores), steps)
     better = scores(x) - before
     if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
         return []
@@ -245,6 +227,40 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
         if abs(fault.size) > max(parameter.matters, _SIGMA * fault.sigma):
             faults.append(fault)
     return faults
+
+
+def _searched(scores: Callable[[Array], Array]) -> Array:
+    """Return (3,) values of :data:`OF_COLORS` with the best score of a search, one after the other."""
+    x = np.zeros(3)
+    for reach in _REACHES:
+        for axis, parameter in zip(np.eye(3), OF_COLORS, strict=True):
+            trials = x + axis * np.linspace(-reach, reach, _TRIALS)[:, None] * parameter.most
+            x = max([x, *trials], key=lambda trial: float(scores(trial).mean()))
+    return x
+
+
+def _refined(scores: Callable[[Array], Array], x: Array, steps: Array) -> tuple[Array, Array]:
+    """Return values (3,) at which scores have no slope, and their standard errors, by Newton's method.
+
+    ``steps`` (3,) are those of derivatives.
+    """
+    axes = np.diag(steps)
+
+    def slopes_at(x: Array) -> Array:
+        return np.stack([scores(x + step) - scores(x - step) for step in axes], axis=-1) / 2
+
+    sigma = np.zeros(3)
+    for _ in range(_ROUNDS):
+        slopes = slopes_at(x)
+        bends = []
+        for step in axes:
+            bends.append((slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2)
+        mean = slopes.mean(axis=0)
+        inverse = np.linalg.pinv(np.stack(bends))
+        x = x - steps * np.clip(inverse @ mean, -3, 3)
+        blocks = [block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)]
+        sigma = steps * np.linalg.norm(np.stack(blocks) / len(slopes) @ inverse, axis=0)
+    return x, sigma
 
 
 def _is_limit(metres: float, per_m: float) -> bool:

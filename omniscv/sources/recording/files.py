@@ -90,14 +90,18 @@ def create(path: Path) -> None:
 
 
 def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
-    """Return a connection that has read the header, and with it a journal, in a mode of SQLite's addresses;
-    ``torn``: the file may be shorter than its header says.
+    """Return a connection that has read the header, and with it a journal.
+
+    Args:
+        path: of the file.
+        mode: of SQLite's addresses: ``ro``, ``rw`` or ``rwc``.
+        torn: whether the file may be shorter than its header says.
     """
     refused = RecordingNotWritableError if mode.startswith("rw") else NotARecordingError
     length = len(os.fsencode(path.absolute()))
     if length > _LONGEST_PATH:
-        wanted = f"expected a path of at most {_LONGEST_PATH} bytes, which SQLite opens"
-        raise refused(f"{wanted}, got {length}; choose a shorter one", path)
+        expected = f"expected a path of at most {_LONGEST_PATH} bytes, which SQLite opens"
+        raise refused(f"{expected}, got {length}; choose a shorter one", path)
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(
         uri, timeout=_FIRST_WAIT_S, isolation_level=None, check_same_thread=False, uri=True
@@ -150,17 +154,21 @@ _LOCK_ERRORS = (
 
 
 def opened(path: Path, write: bool) -> sqlite3.Connection:
-    """Return a connection to a recording; with ``write``, to a new one where nothing is there."""
+    """Return a connection to the recording at ``path``; with ``write``, to a new one if nothing is there."""
+    kind = kind_of(path)
     if write:
-        if kind_of(path) == "" or path.stat().st_size == 0:
+        if kind == "" or path.stat().st_size == 0:
             with written_for(path) as file:
                 create(file)
                 publish_new(file, path)
         remove_scratch(path.parent, f".{path.name}-")
-    elif (kind := kind_of(path)) != "a file":
-        folder = f"a folder; if it has pictures, {import_advice(path)}"
-        got = {"a folder": folder, "": "nothing there; record one first"}.get(kind, kind)
-        raise NotARecordingError(f"expected a recording, got {got}")
+    elif kind == "":
+        raise NotARecordingError("expected a recording, got nothing there; record one first")
+    elif kind == "a folder":
+        advice = f"if it has pictures, {import_advice(path)}"
+        raise NotARecordingError(f"expected a recording, got a folder; {advice}")
+    elif kind != "a file":
+        raise NotARecordingError(f"expected a recording, got {kind}")
     check_header(path)
     settle_journal(path)
     database = connect(path, "rw" if write else "ro")
@@ -197,8 +205,10 @@ _inherited: list[sqlite3.Connection | None] = []
 
 def _before_fork() -> None:
     """Hold every lock: SQLite's own, if another thread held one, would stay taken in the child."""
-    locks = [each._lock for each in list(_forkable)]
-    _locks_at_fork.extend(lock for lock in locks if lock.acquire(timeout=_BUSY_TIMEOUT_S))
+    for forkable in list(_forkable):
+        lock = forkable._lock
+        if lock.acquire(timeout=_BUSY_TIMEOUT_S):
+            _locks_at_fork.append(lock)
 
 
 def _after_fork() -> None:
@@ -208,8 +218,8 @@ def _after_fork() -> None:
 
 def _after_fork_in_child() -> None:
     _locks_at_fork.clear()
-    for each in list(_forkable):
-        each._forked()
+    for forkable in list(_forkable):
+        forkable._forked()
 
 
 if hasattr(os, "register_at_fork"):
@@ -243,22 +253,22 @@ def check_header(path: Path) -> None:
     with path.open("rb") as file:
         header = file.read(_HEADER.size)
     if len(header) < _HEADER.size or not header.startswith(_MAGIC):
-        picture = next((name for start, name in _PICTURES.items() if header.startswith(start)), "")
-        if picture:
-            raise NotARecordingError(f"expected a recording, got {picture}; {import_advice(path)}")
-        got = "a file that is not a database" if header else "an empty file"
-        raise NotARecordingError(f"expected a recording, got {got}")
+        for start, picture in _PICTURES.items():
+            if header.startswith(start):
+                raise NotARecordingError(f"expected a recording, got {picture}; {import_advice(path)}")
+        actual = "a file that is not a database" if header else "an empty file"
+        raise NotARecordingError(f"expected a recording, got {actual}")
     _, *log_versions, version, application = _HEADER.unpack(header)
     if application != _APPLICATION_ID:
         raise NotARecordingError("expected a recording, got another SQLite database")
-    if version != SCHEMA_VERSION:
-        newer = version > SCHEMA_VERSION
-        advice = "update omniscv" if newer else "record it again"
-        reason = f"expected schema version {SCHEMA_VERSION}, got version {version}; {advice}"
-        raise (NewerRecordingError if newer else NotARecordingError)(reason)
+    reason = f"expected schema version {SCHEMA_VERSION}, got version {version}"
+    if version > SCHEMA_VERSION:
+        raise NewerRecordingError(f"{reason}; update omniscv")
+    if version < SCHEMA_VERSION:
+        raise NotARecordingError(f"{reason}; record it again")
     if log_versions != [1, 1]:
-        got = "one that another program gave a write-ahead log"
-        reason = f"expected a recording with a rollback journal, got {got}"
+        actual = "one that another program gave a write-ahead log"
+        reason = f"expected a recording with a rollback journal, got {actual}"
         raise NotARecordingError(f"{reason}; run 'PRAGMA journal_mode = DELETE' there")
 
 
@@ -269,14 +279,18 @@ def check_schema(database: sqlite3.Connection) -> None:
     rows = set(database.execute(query))
     if rows != expected:
         strange = sorted(f"the {row[0]} {shown(row[1])}" for row in rows - expected)
-        got = strange[0] if strange else "some of them only"
-        raise NotARecordingError(f"expected the tables of a recording only, got {got}")
+        actual = strange[0] if strange else "some of them only"
+        raise NotARecordingError(f"expected the tables of a recording only, got {actual}")
 
 
 @contextlib.contextmanager
 def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[None]:
-    """Raise errors of SQLite and of the file system as errors of a recording, which is written or read, and
-    name the file in them; ``advice`` is on damage.
+    """Raise errors of SQLite and of the file system as errors of a recording, and name the file in them.
+
+    Args:
+        path: of the file.
+        write: whether it is written, or else read.
+        advice: what to do about damage.
     """
     try:
         yield
@@ -285,17 +299,16 @@ def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[
             raise
         raise cause.at(path, advice) from cause
     except (OSError, sqlite3.Error, UnicodeError) as cause:
-        got = cause.strerror if isinstance(cause, OSError) and cause.strerror else shown(str(cause))
-        if write and isinstance(cause, OSError | sqlite3.OperationalError):
-            remedy = _remedy(cause)
-            reason = f"expected a file that can be written, got: {got}{remedy}; what it held is intact"
-            raise RecordingNotWritableError(reason, path) from cause
+        why = cause.strerror if isinstance(cause, OSError) and cause.strerror else shown(str(cause))
         if isinstance(cause, OSError | sqlite3.OperationalError):
-            reason = f"expected a recording that can be read, got: {got}{_remedy(cause)}"
-            raise NotARecordingError(reason, path) from cause
+            why += _remedy(cause)
+            if write:
+                reason = f"expected a file that can be written, got: {why}; what it held is intact"
+                raise RecordingNotWritableError(reason, path) from cause
+            raise NotARecordingError(f"expected a recording that can be read, got: {why}", path) from cause
         if isinstance(cause, sqlite3.DataError | sqlite3.IntegrityError | UnicodeError):
-            raise DamagedRecordingError(f"expected rows as recorded, got: {got}", path) from cause
-        raise NotARecordingError(f"expected a recording, got another file, or damage: {got}", path) from cause
+            raise DamagedRecordingError(f"expected rows as recorded, got: {why}", path) from cause
+        raise NotARecordingError(f"expected a recording, got another file, or damage: {why}", path) from cause
 
 
 def _remedy(cause: OSError | sqlite3.Error) -> str:
@@ -361,7 +374,7 @@ def written_for(target: Path) -> Iterator[Path]:
 
 
 def publish(file: Path, target: Path) -> None:
-    """Move a complete file to its path in one step, and remove the logs of the file that was there."""
+    """Move a complete ``file`` to ``target`` in one step, and remove the logs of the file that was there."""
     with errors_of(target, write=True):
         if target.exists():
             shutil.copymode(target, file)
@@ -372,7 +385,7 @@ def publish(file: Path, target: Path) -> None:
 
 
 def publish_new(file: Path, target: Path) -> bool:
-    """Move a complete file to its path; return False if another process has just created a file there."""
+    """Move a complete ``file`` to ``target``; return False if another process has just created one there."""
     with errors_of(target, write=True):
         if kind_of(target) and not target.stat().st_size:
             file.replace(target)
@@ -402,19 +415,20 @@ def settle_journal(path: Path) -> None:
     for _ in range(_MOST_SETTLED):
         if not (journal.exists() and _must_roll_back(path)):
             return
-        of_file = _states_of_file(path)
+        in_file = _states_of_file(path)
         in_journal = _state_in_journal(journal)
         if not _must_roll_back(path) or in_journal != _state_in_journal(journal):
             continue  # another process has rolled it back
-        if in_journal in of_file:
+        if in_journal in in_file:
             connect(path, "rw").close()
         elif in_journal:
             _set_aside(path, journal)
         else:
-            got = f"{journal.name} of another program; open it there, or remove the journal"
-            raise NotARecordingError(f"expected a journal of omniscv, got {got}")
-    got = f"{journal.name}, which other processes changed {_MOST_SETTLED} times; end them, and open it again"
-    raise NotARecordingError(f"expected a journal that rests, got {got}")
+            actual = f"{journal.name} of another program; open it there, or remove the journal"
+            raise NotARecordingError(f"expected a journal of omniscv, got {actual}")
+    actual = f"{journal.name}, which other processes changed {_MOST_SETTLED} times"
+    advice = "end them, and open it again"
+    raise NotARecordingError(f"expected a journal that rests, got {actual}; {advice}")
 
 
 def _must_roll_back(path: Path) -> bool:
@@ -442,13 +456,17 @@ def _state_in_journal(journal: Path) -> tuple[bytes, ...] | None:
         start = file.read(1 << 18)
         page = start[int.from_bytes(start[20:24], "big") + 4 :]  # behind the header's sector, a page's number
         match = _HEAD.search(page, int.from_bytes(page[8:10], "big"))  # from the first row on
-        return match.groups() if match and start.startswith(_JOURNAL) and page.startswith(_LEAF) else None
+        if match and start.startswith(_JOURNAL) and page.startswith(_LEAF):
+            return match.groups()
     return None
 
 
 def _set_aside(path: Path, log: Path) -> None:
-    names = (log.with_name(f"{log.name}.foreign{number or ''}") for number in count())
-    target = next(name for name in names if not name.exists())
+    """Give a log of another file a free name."""
+    numbers = count(1)
+    target = log.with_name(f"{log.name}.foreign")
+    while target.exists():
+        target = log.with_name(f"{log.name}.foreign{next(numbers)}")
     try:
         log.rename(target)
     except FileNotFoundError:

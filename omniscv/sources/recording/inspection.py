@@ -1,7 +1,7 @@
 """What a recording holds, and whether it is undamaged."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,18 +20,17 @@ from omniscv.sources.recording.files import SCHEMA_VERSION
 from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import Row, view_from_json
 from omniscv.sources.recording.store import Store
-from omniscv.sources.recording.world_rows import listed_scenes, object_from_json, scene_of
+from omniscv.sources.recording.world_rows import WorldState, listed_scenes, object_from_json, scene_of
 
 T = TypeVar("T")
 
 _MODES = ("depth", "object_mask")
-_PX = 64
-_LEAST_EDGES = 30
-"""About how many pixels of a side are compared; the fewest pixels at edges of a mask for a verdict."""
+_PX = 64  # about how many pixels of a side are compared
+_LEAST_EDGES = 30  # the fewest pixels at edges of a mask for a verdict
 _BEND = 0.01  # relative second difference of inverse depth: half floats stay below 0.002
+# Shares of a mask's edges that depth has too: 0.84 to 1 in one view, mostly less than 0.6 in two views.
 _FITS = 0.9
 _CONTRADICTS = 0.75
-"""Shares of a mask's edges that depth has too: 0.84 to 1 in one view, mostly less than 0.6 in two views."""
 
 
 @dataclass(frozen=True)
@@ -68,33 +67,44 @@ def info(path: Path | str) -> Info:
     """Return what a recording holds, without its pixels; RecordingError if it cannot be read."""
     with closing(Store(storage.fetch_file(path))) as store:
         rows = store.listing()
-        distinct = {text: view_from_json(text) for text in {row.captured for row in rows}}  # of several modes
-        views = [distinct[row.captured] for row in rows]
-        provenances = [object_from_json(text) for text in {row.provenance for row in rows}]
+        views: dict[str, View] = {}  # by its text, which captures of several modes have
+        sizes: Counter[str] = Counter()
+        for row in rows:
+            if row.captured not in views:
+                views[row.captured] = view_from_json(row.captured)
+            view = views[row.captured]
+            sizes[f"{view.width}x{view.height}"] += 1
+        provenances = list(map(object_from_json, {row.provenance for row in rows}))
         first, last = _period(provenances)
-        instants = {"": Instant(), **{name: state.instant for name, state in store.states().items()}}
-
-        def values(key: str) -> list[str]:
-            return sorted({str(provenance[key]) for provenance in provenances if key in provenance})
-
         return Info(
             file=storage.without_secrets(path),
             bytes=store.path.stat().st_size,
             schema_version=SCHEMA_VERSION,
             captures=_by_mode(rows),
-            centers=len({view.key().position for view in distinct.values()}),
-            sizes=dict(Counter(f"{view.width}x{view.height}" for view in views).most_common()),
-            servers=values("server"),
-            scenes=values("scene"),
-            dialects=values("dialect"),
+            centers=len({view.key().position for view in views.values()}),
+            sizes=dict(sizes.most_common()),
+            servers=_values(provenances, "server"),
+            scenes=_values(provenances, "scene"),
+            dialects=_values(provenances, "dialect"),
             first=first,
             last=last,
             objects=len(store.objects().colors),
-            states={
-                state: {"captures": n, "instant": instant.to_dict() if (instant := instants[state]) else None}
-                for state, n in Counter(row.state for row in rows).items()
-            },
+            states=_described_states(rows, store.states()),
         )
+
+
+def _values(provenances: Sequence[dict[str, Any]], key: str) -> list[str]:
+    """Return what provenances have of a key, each value once, as text."""
+    return sorted({str(provenance[key]) for provenance in provenances if key in provenance})
+
+
+def _described_states(rows: Sequence[Row], states: Mapping[str, WorldState]) -> dict[str, dict[str, Any]]:
+    """Return :attr:`Info.states`."""
+    described: dict[str, dict[str, Any]] = {}
+    for name, count in Counter(row.state for row in rows).items():
+        instant = states[name].instant if name else Instant()
+        described[name] = {"captures": count, "instant": instant.to_dict() if instant else None}
+    return described
 
 
 @dataclass(frozen=True)
@@ -116,21 +126,27 @@ class Center:
 
 def centers(path: Path | str) -> list[Center]:
     """Return the optical centres of a recording, in the order of their first captures, without its pixels."""
-    captures: dict[tuple[object, str], list[tuple[View, Row]]] = defaultdict(list)
+    rows: dict[tuple[object, str], list[Row]] = defaultdict(list)
+    views: dict[tuple[object, str], list[View]] = defaultdict(list)
     with closing(Store(storage.fetch_file(path))) as store:
         for row in store.listing():
             view = view_from_json(row.captured)
-            captures[view.key().position, row.state].append((view, row))
-    return [
-        Center(
-            center=tuple(group[0][0].pose.position.tolist()),
-            state=state,
-            captures=_by_mode([row for _, row in group]),
-            fov_deg=(min(view.fov_deg for view, _ in group), max(view.fov_deg for view, _ in group)),
-            last=_period([object_from_json(row.provenance) for _, row in group])[1],
-        )
-        for (_, state), group in captures.items()
-    ]
+            key = (view.key().position, row.state)
+            rows[key].append(row)
+            views[key].append(view)
+    return [_center(rows[key], views[key]) for key in rows]
+
+
+def _center(rows: Sequence[Row], views: Sequence[View]) -> Center:
+    """Return the centre that captures in one state, and their views, have."""
+    fovs_deg = [view.fov_deg for view in views]
+    return Center(
+        center=tuple(views[0].pose.position.tolist()),
+        state=rows[0].state,
+        captures=_by_mode(rows),
+        fov_deg=(min(fovs_deg), max(fovs_deg)),
+        last=_period([object_from_json(row.provenance) for row in rows])[1],
+    )
 
 
 @dataclass(frozen=True)
@@ -166,7 +182,7 @@ def verify(path: Path | str) -> Verification:
             return None
 
     captures = 0
-    scenes = set[str]()
+    scenes: set[str] = set()
     with closing(Store(storage.fetch_file(path))) as store:
         faults += [f"{name}: {fault}" for fault in store.structural_faults()]
         for read in (store.objects, store.geometry, store.states, store.listing):
@@ -189,13 +205,19 @@ def _by_mode(rows: Sequence[Row]) -> dict[str, int]:
 
 def _period(provenances: list[dict[str, Any]]) -> tuple[str, str]:
     """Return the first and the last time of captures, ISO 8601, UTC; empty where it is not recorded."""
-    times = [time for provenance in provenances if isinstance(time := provenance.get("time"), int | float)]
-    return _iso(min(times, default=None)), _iso(max(times, default=None))
+    times = []
+    for provenance in provenances:
+        time = provenance.get("time")
+        if isinstance(time, int | float):
+            times.append(time)
+    if not times:
+        return "", ""
+    return _iso(min(times)), _iso(max(times))
 
 
-def _iso(seconds: float | None) -> str:
+def _iso(seconds: float) -> str:
     try:
-        return "" if seconds is None else datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+        return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
     except (OverflowError, ValueError, OSError):  # anything may be written in a file
         return ""
 
@@ -214,41 +236,67 @@ def stale_captures(store: Store) -> Iterator[str]:
             modes_of[row.asked, row.state][row.mode] = row
             same_bytes[row.mode, row.payload_checksum].append(row)
     for (mode, _), rows in same_bytes.items():
-        pairs = [modes_of[row.asked, row.state] for row in rows if len(modes_of[row.asked, row.state]) == 2]
-        edges = _bends if mode == "depth" else _borders
-        if len({pair[mode].captured for pair in pairs}) < 2 or not edges(_pixels(store, rows[0])).any():
-            continue  # as in views of the sky, of which there may be many
-        shares = [_common_edges(store, pair) for pair in pairs]
-        best = int(np.nan_to_num(shares).argmax())
-        for pair, share in zip(pairs, shares, strict=True):
-            if share < _CONTRADICTS and shares[best] >= _FITS:
-                view, other = (in_words(view_from_json(row[mode].captured)) for row in (pair, pairs[best]))
-                yield f"{mode} of {view}: expected its own picture, got that of {other}"
+        pairs = []
+        for row in rows:
+            pair = modes_of[row.asked, row.state]
+            if len(pair) == len(_MODES):
+                pairs.append(pair)
+        if len({pair[mode].captured for pair in pairs}) < 2:
+            continue
+        picture = _pixels(store, rows[0])
+        edges = _bends(picture) if mode == "depth" else _borders(picture)
+        if edges.any():  # not of the sky, of which there may be many views
+            yield from _contradicted(store, mode, pairs)
+
+
+def _contradicted(store: Store, mode: str, pairs: Sequence[dict[str, Row]]) -> Iterator[str]:
+    """Yield a line for each view whose other mode contradicts the picture that all of some views share.
+
+    ``pairs`` are the captures of depth and mask of each view; their pictures in ``mode`` are the same.
+    """
+    shares = [_common_edges(store, pair) for pair in pairs]
+    best = int(np.nan_to_num(shares).argmax())
+    if not shares[best] >= _FITS:
+        return
+    other = in_words(view_from_json(pairs[best][mode].captured))
+    for pair, share in zip(pairs, shares, strict=True):
+        if share < _CONTRADICTS:
+            view = in_words(view_from_json(pair[mode].captured))
+            yield f"{mode} of {view}: expected its own picture, got that of {other}"
 
 
 def unmoved_places(store: Store) -> Iterator[str]:
-    """Yield a line for each place whose pictures are the same in all directions and modes: the camera did not
-    move. Masks alone are no evidence, as one object may be all around, nor is depth of the sky alone."""
+    """Yield a line for each place whose pictures are the same in all directions and modes.
+
+    The camera did not move there. Masks alone are no evidence, as one object may be all around, nor is depth
+    of the sky alone.
+    """
     places: dict[tuple[Any, str], dict[Any, list[Row]]] = defaultdict(lambda: defaultdict(list))
     for row in store.listing():
         view = view_from_json(row.captured)
-        kind = row.mode, view.width, view.height, view.fov_deg, row.stops
+        kind = (row.mode, view.width, view.height, view.fov_deg, row.stops)
         places[view.key().position, row.state][kind].append(row)
     for (position, _), kinds in places.items():
-        compared = {kind: rows for kind, rows in kinds.items() if len({row.captured for row in rows}) > 1}
-        if not any(_is_evidence(store, mode, rows[0]) for (mode, *_), rows in compared.items()):
+        compared = [rows for rows in kinds.values() if len({row.captured for row in rows}) > 1]
+        if not any(_is_evidence(store, rows[0]) for rows in compared):
             continue
-        if all(len({row.payload_checksum for row in rows}) == 1 for rows in compared.values()):
-            count = max(len(rows) for rows in compared.values())
+        if all(map(_is_one_picture, compared)):
+            count = max(map(len, compared))
             at = ", ".join(f"{value:.4g}" for value in position)
             why = "the camera did not move, or there was nothing to see"
-            got = f"got equal ones in all modes: {why}"
-            yield f"{count} views at ({at}) m: expected a picture of each, {got}"
+            actual = f"got equal ones in all modes: {why}"
+            yield f"{count} views at ({at}) m: expected a picture of each, {actual}"
 
 
-def _is_evidence(store: Store, mode: str, row: Row) -> bool:
-    if mode in ("lit", "object_mask"):
-        return mode == "lit"
+def _is_one_picture(rows: Sequence[Row]) -> bool:
+    """Return whether captures have the same bytes."""
+    return len({row.payload_checksum for row in rows}) == 1
+
+
+def _is_evidence(store: Store, row: Row) -> bool:
+    """Return whether equal pictures in other directions say that the camera did not move."""
+    if row.mode in ("lit", "object_mask"):
+        return row.mode == "lit"
     pixels = _pixels(store, row)
     return bool((pixels != pixels[0, 0]).any())
 
@@ -259,12 +307,15 @@ def _pixels(store: Store, row: Row) -> NDArray[np.generic]:
 
 def _common_edges(store: Store, pair: dict[str, Row]) -> float:
     """Return the share of a mask's edges at which depth bends or jumps; NaN where there are few."""
-    depth, mask = (_pixels(store, pair[mode]) for mode in _MODES)
+    depth = _pixels(store, pair["depth"])
+    mask = _pixels(store, pair["object_mask"])
     if depth.shape[:2] != mask.shape[:2]:
         return float("nan")
     borders = _borders(mask)
+    if borders.sum() < _LEAST_EDGES:
+        return float("nan")
     near = cv2.dilate(_bends(depth).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return float(near[borders].mean()) if borders.sum() >= _LEAST_EDGES else float("nan")
+    return float(near[borders].mean())
 
 
 def _sampled(pixels: NDArray[np.generic]) -> NDArray[np.generic]:

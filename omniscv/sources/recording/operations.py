@@ -59,9 +59,8 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
             with _errors_of(file), closing(Store(storage.fetch_file(file))) as store:
                 more = _dialects(store.listing())
                 if dialects and more and dialects.isdisjoint(more):
-                    known, got = (", ".join(sorted(some)) for some in (dialects, more))
-                    expected = f"expected captures of dialect {known}, as in those before"
-                    raise RecordingError(f"{expected}, got {got}")
+                    expected = f"expected captures of dialect {', '.join(sorted(dialects))}"
+                    raise RecordingError(f"{expected}, as in those before, got {', '.join(sorted(more))}")
                 added += _add_all(target, store)
             dialects |= more
             if progress:
@@ -70,13 +69,19 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
 
 
 def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tuple[str, int]]:
-    """Write a recording for each cluster of optical centres of one: ``STEM.X,Y,Z.SUFFIX``; return names and
-    counts.
+    """Write a recording for each cluster of optical centres of one, and return their names and counts.
 
-    Each replays what was captured there. Centres belong to one cluster if steps of at most ``distance_m``
-    lead from one to the other; X, Y, Z is the first of them, metres. ``out`` is a folder, or its URL, which
-    must be empty or new: else ArgumentError. RecordingError if the recording cannot be read, is damaged, or
-    one cannot be written.
+    Each replays what was captured there. It has the name ``STEM.X,Y,Z.SUFFIX``: X, Y, Z is the cluster's
+    first centre, metres.
+
+    Args:
+        file: path or URL of the recording.
+        out: a folder, or its URL, which must be empty or new.
+        distance_m: centres belong to one cluster if steps of at most so much lead from one to the other.
+
+    Raises:
+        ArgumentError: the folder holds something.
+        RecordingError: the recording cannot be read, is damaged, or one cannot be written.
     """
     number("distance_m", distance_m, least=_LEAST_DISTANCE_M)
     folder = storage.folder(out)
@@ -84,13 +89,9 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
         raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
     with closing(Store(storage.fetch_file(file))) as store:
         source_name = Path(str(file).rpartition("/")[2])
-        rows = store.listing()
-        centers = [tuple(view_from_json(row.asked).pose.position.tolist()) for row in rows]
-        distinct = list(dict.fromkeys(centers))
-        starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
         numbers: dict[str, list[int]] = {}
-        for row, center in zip(rows, centers, strict=True):
-            cluster = ",".join(f"{coordinate + 0.0:.3f}" for coordinate in starts[center])
+        for row, start in _clustered(store.listing(), distance_m):
+            cluster = ",".join(f"{coordinate + 0.0:.3f}" for coordinate in start)
             numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
         if folder.local is not None:  # temporary files are on the file system of the folder
             folder.local.mkdir(parents=True, exist_ok=True)
@@ -102,20 +103,40 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
                     _add_all(target, store, numbers[name])
             for name in numbers:
                 folder.put(name, scratch / name)
-    return [(name, len(captures)) for name, captures in numbers.items()]
+    return [(name, len(numbers[name])) for name in numbers]
+
+
+def _clustered(rows: Sequence[Row], distance_m: float) -> Iterator[tuple[Row, Sequence[float]]]:
+    """Yield captures with the first centre of their cluster, metres."""
+    centers = []
+    for row in rows:
+        centers.append(tuple(view_from_json(row.asked).pose.position.tolist()))
+    distinct = list(dict.fromkeys(centers))
+    starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
+    for row, center in zip(rows, centers, strict=True):
+        yield row, starts[center]
 
 
 def part_file(address: Address, index: int, count: int) -> Address:
-    """Return where part ``index`` of ``count``, from 0, is recorded: ``room.part-0-of-4.sqlite``.
+    """Return where a part of a recording is recorded: ``room.part-0-of-4.sqlite``.
 
-    Each part is recorded by a process of its own, at the same time. Raises ArgumentError for no such part.
+    Each part is recorded by a process of its own, at the same time.
+
+    Args:
+        address: of the whole recording.
+        index: of the part, from 0.
+        count: of all parts.
+
+    Raises:
+        ArgumentError: there is no such part.
     """
     whole_number("part", count, least=1)
     whole_number("part", index, least=0, most=count - 1)
     folder, slash, name = str(address).rpartition("/")
     stem, dot, suffix = name.rpartition(".")
-    stem, suffix = (stem, dot + suffix) if stem else (name, "")
-    return type(address)(f"{folder}{slash}{stem}.part-{index}-of-{count}{suffix}")
+    if not stem:
+        return type(address)(f"{folder}{slash}{name}.part-{index}-of-{count}")
+    return type(address)(f"{folder}{slash}{stem}.part-{index}-of-{count}{dot}{suffix}")
 
 
 @contextmanager
@@ -167,12 +188,14 @@ def _add_all(target: Store, store: Store, numbers: Sequence[int] | None = None) 
         known = target.geometry()
         boxes = {**geometry.boxes, **known.boxes}
         target.set_geometry(SceneGeometry(boxes, known.room or geometry.room))
-    described = {name for name, state in target.states().items() if state.instant is not None}
-    states = {name: state for name, state in store.states().items() if name not in described}
+    states = store.states()  # that are to be added
+    for name, state in target.states().items():
+        if state.instant is not None:
+            states.pop(name, None)
     added = 0
     for row in store.rows(numbers):
-        if state := states.pop(row.state, None):
-            target.set_state(row.state, state)
+        if row.state in states:
+            target.set_state(row.state, states.pop(row.state))
         added += _add_new(target, row)
     return added
 
@@ -193,12 +216,25 @@ def _add_new(target: Store, row: Row) -> bool:
 
 
 def _dialects(rows: Sequence[Row]) -> set[str]:
-    dialects = (object_from_json(row.provenance).get("dialect") for row in rows)
-    return {shown(dialect) for dialect in dialects if dialect}
+    dialects = set()
+    for row in rows:
+        dialect = object_from_json(row.provenance).get("dialect")
+        if dialect:
+            dialects.add(shown(dialect))
+    return dialects
 
 
 def add_objects(target: Store, table: ObjectTable, has_masks: bool) -> None:
-    """Add the objects of other captures; OtherSceneError if masks would get wrong names, or none."""
+    """Add the objects of other captures to a recording.
+
+    Args:
+        target: the recording.
+        table: the objects.
+        has_masks: whether there are masks among the captures.
+
+    Raises:
+        OtherSceneError: masks would get wrong names, or none.
+    """
     before = target.objects()
     if bool(before.colors) != bool(table.colors) and (has_masks if before.colors else target.has_masks()):
         expected = "expected object masks with an object table both in it and in what is added"

@@ -86,7 +86,8 @@ class Recording(SourceWrapper):
                 return partial(self._read, request)
             if request.again or not (is_held or request in requested):
                 requested.add(request)
-                self._new += not request.again
+                if not request.again:
+                    self._new += 1
                 return None
             return partial(self._read, request)
 
@@ -105,7 +106,7 @@ class Recording(SourceWrapper):
                 self._store.set_objects(self._source.objects())
                 if not state and (self._captured_anew is not None or not self._store.geometry()):
                     self._store.set_geometry(self._source_geometry())
-                self._objects = state, self._store.objects()
+                self._objects = (state, self._store.objects())
             return self._objects[1]
 
     def geometry(self) -> SceneGeometry:
@@ -120,14 +121,16 @@ class Recording(SourceWrapper):
 
     @property
     def instant(self) -> Instant:
-        known = self._source.instant, self._requested or Instant()
-        return next((instant for instant in known if instant.state == self.state), Instant())
+        for instant in (self._source.instant, self._requested):
+            if instant is not None and instant.state == self.state:
+                return instant
+        return Instant()
 
     def at(self, instant: Instant) -> Source:
         """As :meth:`Source.at`; records into the same file. What is known of shapes is read before."""
         objects = self.objects()
         source = self._source.at(instant)
-        known = source.state, objects  # the objects are the same, elsewhere
+        known = (source.state, objects)  # the objects are the same, elsewhere
         return copy_with(self, _source=source, _requested=instant, _objects=known, _owns_store=False)
 
     @contextlib.contextmanager
@@ -178,15 +181,16 @@ class Recording(SourceWrapper):
         once = replace(again.request, again=False)
         if once in self._made or self._captured_anew is not None:
             return
-        held = self._store.get(once)
-        if held is not None and not np.array_equal(held.pixels, again.pixels):
+        recorded = self._store.get(once)
+        if recorded is not None and not np.array_equal(recorded.pixels, again.pixels):
             expected = f"{self._store.path}: expected a world that stands still, as the recording shows it"
-            got = f"got another {once.mode}: what moves by itself is elsewhere now"
-            raise OtherMomentError(f"{expected}, {got}; record into a new file")
+            actual = f"got another {once.mode}: what moves by itself is elsewhere now"
+            raise OtherMomentError(f"{expected}, {actual}; record into a new file")
 
     def _write(self, capture: Capture) -> None:
         """Write a new capture, and before it what it depends on; RecordingError if it is of another scene."""
-        if self._scene != (scene := self._source.scene_identity):  # a game may have left the level
+        scene = self._source.scene_identity
+        if scene != self._scene:  # a game may have left the level
             self._store.set_scene(scene)
             self._scene = scene
         self._check_dialect(capture)
@@ -200,8 +204,10 @@ class Recording(SourceWrapper):
             self._captured_anew.add(capture.request)
 
     def _check_dialect(self, capture: Capture) -> None:
-        """Refuse a capture of another dialect than those of the file, as its pictures mean something else;
-        those that are traced in this process mean what any server's should."""
+        """Refuse a capture of another dialect than those of the file, as its pictures mean something else.
+
+        Those that are traced in this process mean what any server's should.
+        """
         dialect = capture.provenance.get("dialect")
         if self._dialect is None:
             self._dialect = self._store.dialect() or dialect
@@ -221,12 +227,14 @@ class Recording(SourceWrapper):
     def _world_state(self, state: str) -> WorldState:
         """Return what the source knows of a state, with the boxes that are not as in the still world."""
         still = self._store.geometry().to_dict()["boxes"]
-        boxes = self._source_geometry().boxes
-        moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
+        moved = {}
+        for name, box in self._source_geometry().boxes.items():
+            if box.to_dict() != still.get(name):
+                moved[name] = box
         instant = self.instant if self.instant.state == state else None
-        set_poses = instant.poses if instant else {}
-        read_poses = self._source.poses().items()
-        poses = {name: pose for name, pose in read_poses if name not in set_poses}
+        poses = dict(self._source.poses())  # without those that were set
+        for name in instant.poses if instant else ():
+            poses.pop(name, None)
         requested = None if self._requested is None else self._requested.state
         return WorldState(instant, moved, None if requested == state else requested, poses)
 

@@ -37,6 +37,7 @@ from omniscv.sources.requests import Response, ViewKey, exposures_of, merge_expo
 
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
 _MOST_SHOWN = 5  # states
+_MOST_MODES = 20  # that are shown
 
 _TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
@@ -65,7 +66,7 @@ class StateViews:
 
     def in_mode(self, mode: str) -> tuple[View, ...]:
         """Return the views that were recorded in a mode."""
-        return tuple(view for view, modes in self._modes_of.items() if mode in modes)
+        return tuple(view for view in self._modes_of if mode in self._modes_of[view])
 
     @cached_property
     def index(self) -> RecordedViews:
@@ -89,12 +90,15 @@ class StateViews:
     def turned(self, view: View) -> tuple[View, ...]:
         """Return other views along the same axis, in at least as many modes."""
         modes = self._modes_of.get(view, set())
-        others = (other for other in self._along.get(_axis_key(view), ()) if other != view)
-        return tuple(other for other in others if self._modes_of[other] >= modes)
+        turned = []
+        for other in self._along.get(_axis_key(view), ()):
+            if other != view and self._modes_of[other] >= modes:
+                turned.append(other)
+        return tuple(turned)
 
     def nearest(self, request: Request) -> View | None:
         """Return the view in a request's mode that differs least; None where there is none in that mode."""
-        views = [view for view in self.views if request.mode in self._modes_of[view]]
+        views = self.in_mode(request.mode)
         return min(views, key=lambda view: sum(_distances(view, request.view)), default=None)
 
 
@@ -105,37 +109,42 @@ def states_in_words(states: Collection[str]) -> str:
     """Return which states a recording holds captures of."""
     if not states:
         return "no captures"
-    names = [shown(state) if state else "the still one" for state in list(states)[:_MOST_SHOWN]]
+    names = []
+    for state in list(states)[:_MOST_SHOWN]:
+        names.append(shown(state) if state else "the still one")
     more = len(states) - len(names)
     return f"captures of the states {', '.join(names)}" + (f" and {more} more" if more else "")
 
 
 def differences(recorded: View, requested: View) -> str:
-    """Return in what two views differ and by how much, with both values."""
+    """Return in what a ``recorded`` and a ``requested`` view differ and by how much, with both values."""
     a = recorded.key()
     b = requested.key()
-    metres, *radians, _ = _distances(recorded, requested)
-    turn_deg, opening_deg = np.degrees(radians)
-    positions = _both(recorded.pose.position, requested.pose.position)
-    angles = _both(recorded.pose.angles(), requested.pose.angles())
-    fovs = _both([recorded.fov_deg], [requested.fov_deg])
-    size = f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested"
-    parts = {
-        f"position by {metres:.3g} m{positions}": a.position != b.position,
-        f"orientation by {turn_deg:.3g} deg of yaw, pitch, roll{angles}": a.rotation != b.rotation,
-        f"field of view by {opening_deg:.3g} deg{fovs}": a.fov_deg != b.fov_deg,
-        f"lens: {recorded.lens} recorded, {requested.lens} requested": a.lens != b.lens,
-        size: (a.width, a.height) != (b.width, b.height),
-    }
-    return "; ".join(part for part, differs in parts.items() if differs)
+    metres, turn, opening, _ = _distances(recorded, requested)
+    parts = []
+    if a.position != b.position:
+        positions = _both(recorded.pose.position, requested.pose.position)
+        parts.append(f"position by {metres:.3g} m{positions}")
+    if a.rotation != b.rotation:
+        angles = _both(recorded.pose.angles(), requested.pose.angles())
+        parts.append(f"orientation by {np.degrees(turn):.3g} deg of yaw, pitch, roll{angles}")
+    if a.fov_deg != b.fov_deg:
+        fovs = _both([recorded.fov_deg], [requested.fov_deg])
+        parts.append(f"field of view by {np.degrees(opening):.3g} deg{fovs}")
+    if a.lens != b.lens:
+        parts.append(f"lens: {recorded.lens} recorded, {requested.lens} requested")
+    if (a.width, a.height) != (b.width, b.height):
+        parts.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
+    return "; ".join(parts)
 
 
 def in_words(view: View) -> str:
     """Return a view in a few words."""
     size = f"{view.width} x {view.height} px, fov {view.fov_deg:.6g} deg"
-    size += f", {view.lens}" if view.lens else ""
+    if view.lens:
+        size += f", {view.lens}"
     position = "at ({:.6g}, {:.6g}, {:.6g}) m".format(*view.pose.position)
-    angles = (angle + 0.0 for angle in view.pose.angles())  # no negative zero
+    angles = [angle + 0.0 for angle in view.pose.angles()]  # no negative zero
     return f"{size}, {position}, " + "yaw {:.6g}, pitch {:.6g}, roll {:.6g} deg".format(*angles)
 
 
@@ -156,8 +165,11 @@ def _distances(a: View, b: View) -> tuple[float, float, float, float]:
 
 
 def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
-    a, b = (", ".join(f"{value + 0.0:.10g}" for value in values) for values in (recorded, requested))
-    return f": ({a}) recorded, ({b}) requested"
+    return f": ({_digits(recorded)}) recorded, ({_digits(requested)}) requested"
+
+
+def _digits(values: Iterable[float]) -> str:
+    return ", ".join(f"{value + 0.0:.10g}" for value in values)  # no negative zero
 
 
 class RecordedSource(Source):
@@ -182,27 +194,37 @@ class RecordedSource(Source):
         self._owns_store = True
         try:
             rows = self._store.listing()
-            of_state: dict[str, list[Row]] = defaultdict(list)
+            rows_of: dict[str, list[Row]] = defaultdict(list)  # by state
             for row in rows:
-                of_state[row.state].append(row)
-            self._views = {state: StateViews(group) for state, group in of_state.items()}
-            missing_still = state == "" and "" not in self._views
-            self._state = self._actual_states.get("", "") if missing_still else state
+                rows_of[row.state].append(row)
+            self._views = {state: StateViews(rows_of[state]) for state in rows_of}
+            self._state = state
+            if state == "" and "" not in self._views:
+                self._state = self._actual_states.get("", "")
             self._check_holds(self._state)
             # Planned as on the server that was recorded: it may have made no view higher than wide.
             tall = any(height > width for width, height in sizes_of(rows))
         except BaseException:
             self._store.close()
             raise
-        exposures = [row for row in rows if row.stops is not None]
-        self.stops = tuple(sorted({row.stops for row in exposures if row.stops is not None}))
-        self._first_exposure = exposures[0].provenance if exposures else "{}"
+        stops: set[float] = set()
+        self._first_exposure = "{}"  # provenance
+        for row in rows:
+            row_stops = row.stops
+            if row_stops is not None:
+                if not stops:
+                    self._first_exposure = row.provenance
+                stops.add(row_stops)
+        self.stops = tuple(sorted(stops))
+        modes: set[str] = set()
+        for views in self._views.values():
+            modes |= views.modes
         self._capabilities = Capabilities(
-            modes=frozenset[str]().union(*(views.modes for views in self._views.values())),
+            modes=frozenset(modes),
             can_set_tall=tall,
-            can_set_exposure=bool(exposures),
+            can_set_exposure=bool(stops),
             dialect="recording",
-            transfer="linear" if exposures else _transfer_of(rows),
+            transfer="linear" if stops else _transfer_of(rows),
             varies=frozenset(("objects", "lights", "materials", "commands")),
         )
 
@@ -278,13 +300,22 @@ class RecordedSource(Source):
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """What was varied when it was recorded."""
-        instants = (state.instant for state in self._store.states().values() if state.instant)
-        varied = [item for instant in instants for item in instant.varied.get(kind, {}).items()]
-        if kind == "objects":
-            moved = {name for name, of in varied if of.keys() - STATIC_SETTINGS}
-            known = super().variable(kind)
-            return {name: known[name] if name in moved or not moved else STATIC_SETTINGS for name in known}
-        return {name: {key: np.size(value) for key, value in of.items()} for name, of in varied}
+        varied: dict[str, dict[str, int]] = {}
+        moved: set[str] = set()  # objects that were not shown and hidden alone
+        for state in self._store.states().values():
+            if not state.instant:
+                continue
+            for name, settings in state.instant.varied.get(kind, {}).items():
+                varied[name] = {key: np.size(settings[key]) for key in settings}
+                if settings.keys() - STATIC_SETTINGS:
+                    moved.add(name)
+        if kind != "objects":
+            return varied
+        known = dict(super().variable(kind))
+        for name in known:
+            if moved and name not in moved:
+                known[name] = STATIC_SETTINGS
+        return known
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""
@@ -317,8 +348,12 @@ class RecordedSource(Source):
     def _actual_states(self) -> dict[str, str]:
         """By the state that was to be set, the last one in which the world was found."""
         known = self._store.states()
-        pairs = ((known[state].asked, state) for state in self._views if state)
-        return {requested: state for requested, state in pairs if requested is not None}
+        actual = {}
+        for state in self._views:
+            requested = known[state].asked if state else None
+            if requested is not None:
+                actual[requested] = state
+        return actual
 
     def _check_holds(self, state: str) -> None:
         if state and state not in self._views:
@@ -327,8 +362,10 @@ class RecordedSource(Source):
             raise MissingCaptureError(f"{expected}, the recording holds {recorded}", self._name)
 
     def _replay(self, request: Request) -> Capture:
-        if self.stops and (exposures := exposures_of(request, self.stops)) != [request]:
-            return merge_exposures(request, [self._replay(exposure) for exposure in exposures])
+        if self.stops:
+            exposures = exposures_of(request, self.stops)
+            if exposures != [request]:
+                return merge_exposures(request, list(map(self._replay, exposures)))
         if capture := self._store.get(request):
             return capture
         there = f"'omniscv recording places {self._name}' lists what is there"
@@ -345,14 +382,18 @@ class RecordedSource(Source):
             return f"{expected}{state}; the recording holds {states_in_words(self._views)}"
         nearest = views.nearest(request)
         if nearest is None:
-            known = modalities.names()
-            modes = (mode if mode in known else shown(mode) for mode in sorted(views.modes)[:20])
+            modes = []
+            for mode in sorted(views.modes)[:_MOST_MODES]:
+                modes.append(mode if mode in modalities.names() else shown(mode))
             return f"{expected}; the recording holds no {request.mode}, only {', '.join(modes)}"
         return f"{expected}; the nearest recorded view differs in {differences(nearest, request.view)}"
 
 
 def _transfer_of(rows: Iterable[Row]) -> Any:
     """Return the transfer that the provenance of all colours names; ``unknown`` where they differ."""
-    matches = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit"}
-    transfers = {match[1] if match else "unknown" for match in matches}
+    transfers = set()
+    for row in rows:
+        if row.mode == "lit":
+            match = _TRANSFER.search(row.provenance)
+            transfers.add(match[1] if match else "unknown")
     return transfers.pop() if len(transfers) == 1 else "unknown"

@@ -53,12 +53,24 @@ class Row(NamedTuple):
         request = capture.request
         try:
             provenance = json.dumps(dict(capture.provenance), allow_nan=False)
-            views = view_to_json(request.view), view_to_json(capture.view)
+            asked = view_to_json(request.view)
+            captured = view_to_json(capture.view)
         except (TypeError, ValueError, RecursionError) as cause:
-            got = f"{shown(capture.provenance)}: {cause}"
-            raise ArgumentError(f"provenance: expected plain JSON values, got {got}") from cause
-        texts = key_of(request), capture.mode, *views, encoding, provenance
-        return cls(0, *texts, zlib_ng.crc32(payload), 0, payload, request.state)
+            actual = f"{shown(capture.provenance)}: {cause}"
+            raise ArgumentError(f"provenance: expected plain JSON values, got {actual}") from cause
+        return cls(
+            number=0,
+            key=key_of(request),
+            mode=capture.mode,
+            asked=asked,
+            captured=captured,
+            encoding=encoding,
+            provenance=provenance,
+            payload_checksum=zlib_ng.crc32(payload),
+            checksum=0,
+            payload=payload,
+            state=request.state,
+        )
 
     def in_recording(self, number: int, recording: str) -> Self:
         """Return the row with its number in the recording of an id, and its checksum there."""
@@ -185,7 +197,7 @@ def key_of(request: Request) -> str:
     width, height, position, rotation, fov_deg, lens = request.view.key()
     state = (request.state,) if request.state else ()
     mode = request.mode if request.stops is None else f"{request.mode}@{request.stops:.15g}"
-    numbers = width, height, *position, *rotation, fov_deg, *lens
+    numbers = (width, height, *position, *rotation, fov_deg, *lens)
     return json.dumps([mode, *numbers, *state], separators=(",", ":"))
 
 

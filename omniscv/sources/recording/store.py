@@ -43,6 +43,11 @@ _MOST_STATES = 1_000_000
 _SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
 
 
+def _column(rows: Iterable[tuple[Any]]) -> list[Any]:
+    """Return the values of rows of one column."""
+    return [value for (value,) in rows]
+
+
 class Store(files.Forkable):
     """An open recording. One thread uses it at a time; a forked child opens a connection of its own.
 
@@ -90,9 +95,12 @@ class Store(files.Forkable):
 
     def structural_faults(self) -> list[str]:
         """Return what SQLite's integrity check reports; nothing for a sound file."""
-        reports = self._query("PRAGMA integrity_check")
-        lines = (line for (report,) in reports for line in report.splitlines())
-        return [line for line in lines if line != "ok" and not line.startswith("***")]  # no headings
+        faults = []
+        for (report,) in self._query("PRAGMA integrity_check"):
+            for line in report.splitlines():
+                if line != "ok" and not line.startswith("***"):  # no headings
+                    faults.append(line)
+        return faults
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -104,7 +112,8 @@ class Store(files.Forkable):
             try:
                 with files.errors_of(self.path, write=True):
                     database.execute("BEGIN IMMEDIATE")
-                    self._head = head = self.head().changed()
+                    head = self.head().changed()
+                    self._head = head
                     self._write_head(database, head)  # first: a journal is known by it
                 before = database.total_changes
                 yield database
@@ -121,8 +130,8 @@ class Store(files.Forkable):
         statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
             head = self.head()
-            rows = [*map(Row._make, self._query(f"{statement}{self._most_captures()}"))]
-            states = {name for (name,) in self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}")}
+            rows = list(map(Row._make, self._query(f"{statement}{self._most_captures()}")))
+            states = _column(self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}"))
         with files.errors_of(self.path, advice=_ADVICE):
             for row in rows:
                 row.check(head.id)
@@ -138,8 +147,7 @@ class Store(files.Forkable):
         """Yield captures of some numbers as stored, unchecked; by default all, in the order of recording."""
         if numbers is None:
             most = self._most_captures()
-            rows = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
-            numbers = (number for (number,) in rows)
+            numbers = _column(self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}"))
         for number in dict.fromkeys(numbers):
             yield from map(Row._make, self._query(f"SELECT {_COLUMNS} FROM capture WHERE number = ?", number))
 
@@ -189,7 +197,7 @@ class Store(files.Forkable):
             row = row.in_recording(number, head.id)
             if row.state and self.state(row.state) is None:
                 self.set_state(row.state, WorldState())
-            replaced = [crc for (crc,) in self._query("SELECT checksum FROM capture WHERE key = ?", row.key)]
+            replaced = _column(self._query("SELECT checksum FROM capture WHERE key = ?", row.key))
             database.execute("DELETE FROM capture WHERE key = ?", (row.key,))
             database.execute(f"INSERT INTO capture ({_COLUMNS}) VALUES ({', '.join('?' * len(row))})", row)
             self._head = head.with_rows([row], replaced)
@@ -221,7 +229,8 @@ class Store(files.Forkable):
                 after = ObjectTable(colors, table.tolerance, ids)
             strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
             if head.captures and strange:
-                known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
+                known = shown(min(before.colors))
+                new = shown(min(table.colors))
                 self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
             table_rows = object_rows(after)
             if after != before:
@@ -256,7 +265,7 @@ class Store(files.Forkable):
         return self._states("WHERE name = ?", name).get(name)
 
     def set_state(self, name: str, state: WorldState) -> None:
-        """Note what is known of a state."""
+        """Note what is known of the ``state`` of a ``name``."""
         with self._changing() as database:
             read = partial(WorldState.from_dict, name)
             content = checked_json(state.to_dict(), read, self._recording_id(), name)
@@ -302,8 +311,7 @@ class Store(files.Forkable):
         """Add what is known of the scene; OtherSceneError if it is another one."""
         known = self.scene_identity
         if known.differs(identity):
-            words = scene_in_words(known), scene_in_words(identity)
-            self._refuse("captures of the scene {}, got {}".format(*words))
+            self._refuse(f"captures of the scene {scene_in_words(known)}, got {scene_in_words(identity)}")
         if known.merged(identity) != known:
             with self._changing(), readable():
                 scene = scene_to_json(known.merged(identity))
@@ -316,8 +324,8 @@ class Store(files.Forkable):
         with self._reading():
             for name, content, crc in self._query(statement, *names):
                 read = partial(WorldState.from_dict, name)
-                prefix = self._recording_id(), name
-                states[name] = json_of_row(f"state {shown(name)}", read, content, crc, *prefix)
+                where_read = f"state {shown(name)}"
+                states[name] = json_of_row(where_read, read, content, crc, self._recording_id(), name)
         return states
 
     def _check_named(self, scene: object) -> None:

@@ -28,8 +28,11 @@ _LONGEST_JSON = 1 << 25  # characters of boxes and poses: enough for MOST_OBJECT
 
 def checksum(values: Iterable[str | int | bytes]) -> int:
     """Return the CRC-32 of values, each as ``LENGTH:BYTES``: texts in UTF-8, numbers in decimals."""
-    coded = (v if isinstance(v, bytes) else str(v).encode("utf-8", "surrogatepass") for v in values)
-    return zlib_ng.crc32(b"".join([b"%d:%b" % (len(part), part) for part in coded]))
+    parts = []
+    for value in values:
+        coded = value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass")
+        parts.append(b"%d:%b" % (len(coded), coded))
+    return zlib_ng.crc32(b"".join(parts))
 
 
 @record(eq=False)
@@ -56,14 +59,17 @@ class WorldState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        boxes = SceneGeometry(self.boxes).to_dict()["boxes"]
-        values = {"instant": self.instant and self.instant.to_dict(), "boxes": boxes}
-        values |= {} if self.asked is None else {"asked": self.asked}
-        return values | ({"poses": Instant(self.poses).to_dict()["poses"]} if self.poses else {})
+        instant = None if self.instant is None else self.instant.to_dict()
+        values = {"instant": instant, "boxes": SceneGeometry(self.boxes).to_dict()["boxes"]}
+        if self.asked is not None:
+            values["asked"] = self.asked
+        if self.poses:
+            values["poses"] = Instant(self.poses).to_dict()["poses"]
+        return values
 
     @classmethod
     def from_dict(cls, name: str, data: object) -> Self:
-        """Return the state of a name that :meth:`to_dict` described; ArgumentError for anything else."""
+        """Return the state ``name`` that :meth:`to_dict` described by ``data``; ArgumentError otherwise."""
         state = read(cls, data, name)
         if state.instant is not None and state.instant.state != name:
             raise ArgumentError(f"{name}: expected its instant, got that of {state.instant.state!r}")
@@ -76,21 +82,39 @@ ObjectRow = tuple[str, int, int, int, int | None]
 
 def object_checksum(rows: Iterable[ObjectRow]) -> int:
     """Return the checksum of rows; an id that is not known counts as an empty text."""
-    return checksum("" if value is None else value for row in rows for value in row)
+    values: list[str | int] = []
+    for row in rows:
+        for value in row:
+            values.append("" if value is None else value)
+    return checksum(values)
 
 
 def object_table(rows: list[ObjectRow], tolerance: int) -> ObjectTable:
-    """Return the object table of rows; DamagedRecordingError for values out of bounds."""
-    ids = {row[0]: row[4] for row in rows if row[4] is not None}
-    limits = [(tolerance, 255), *((value, 255) for row in rows for value in row[1:4])]
-    limits += [(instance, MOST_OBJECTS) for instance in ids.values()]
-    for value, most in limits:
-        if type(value) is not int or not 0 <= value <= most:
-            expected = f"expected colours, ids and a tolerance of 0 to {most}"
-            raise DamagedRecordingError(f"{expected}, got {shown(value)}")
+    """Return the object table of ``rows``; DamagedRecordingError for values out of bounds.
+
+    ``tolerance`` is how far a channel of a mask may be off its object's colour.
+    """
+    _check_bound(tolerance, 255)
+    for row in rows:
+        for level in row[1:4]:
+            _check_bound(level, 255)
+    colors = {}
+    ids = {}
+    for name, red, green, blue, instance in rows:
+        colors[name] = (red, green, blue)
+        if instance is not None:
+            ids[name] = instance
+    for instance in ids.values():
+        _check_bound(instance, MOST_OBJECTS)
     if len(rows) > MOST_OBJECTS:
         raise DamagedRecordingError(f"expected at most {MOST_OBJECTS} objects, got more")
-    return ObjectTable({row[0]: row[1:4] for row in rows}, tolerance, ids)
+    return ObjectTable(colors, tolerance, ids)
+
+
+def _check_bound(value: object, most: int) -> None:
+    if type(value) is not int or not 0 <= value <= most:
+        expected = f"expected colours, ids and a tolerance of 0 to {most}"
+        raise DamagedRecordingError(f"{expected}, got {shown(value)}")
 
 
 def object_rows(table: ObjectTable) -> list[ObjectRow]:
@@ -103,13 +127,16 @@ def object_rows(table: ObjectTable) -> list[ObjectRow]:
 
 
 def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
-    """Return why masks would get other names: a name has two colours, or a colour two names; empty if not."""
+    """Return why masks would get other names by a table ``after`` than by that ``before``; empty if not.
+
+    That is if a name has two colours, or a colour two names.
+    """
     if before.colors and before.tolerance != after.tolerance:
         return f"the tolerance is {after.tolerance} and was {before.tolerance}"
-    column = "ids" if after.ids else "colors"
-    known: dict[str, Any] = getattr(before, column)
-    names = {value: name for name, value in known.items()}
-    for name, value in getattr(after, column).items():
+    known: Mapping[str, Any] = before.ids if after.ids else before.colors
+    new: Mapping[str, Any] = after.ids if after.ids else after.colors
+    names = {known[name]: name for name in known}
+    for name, value in new.items():
         if known.get(name, value) != value:
             return f"{shown(name)} is {value} and was {known[name]}"
         if names.get(value, name) != name:
@@ -118,7 +145,16 @@ def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
 
 
 def checked_json(data: Mapping[str, Any], read: Callable[[Any], Any], *prefix: str) -> tuple[str, int]:
-    """Return content and checksum of a row of JSON; RecordingNotWritableError if ``read`` would refuse it."""
+    """Return content and checksum of a row of JSON.
+
+    Args:
+        data: the content, as plain values.
+        read: what readers make of it.
+        prefix: what the checksum has before it, such as the recording's id.
+
+    Raises:
+        RecordingNotWritableError: ``read`` refuses it.
+    """
     content = json.dumps(data, ensure_ascii=False, allow_nan=False)
     crc = checksum((*prefix, content))
     with readable():
@@ -135,12 +171,23 @@ def readable() -> Iterator[None]:
     except DamagedRecordingError as cause:
         raise RecordingNotWritableError(f"{cause.reason}; nothing of it is written") from cause
     except UnicodeEncodeError as cause:
-        got = f"{cause.object[cause.start]!a}; nothing of it is written"
-        raise RecordingNotWritableError(f"expected texts of Unicode, got {got}") from cause
+        actual = f"{cause.object[cause.start]!a}; nothing of it is written"
+        raise RecordingNotWritableError(f"expected texts of Unicode, got {actual}") from cause
 
 
 def json_of_row(name: str, read: Callable[[Any], T], content: Any, crc: Any, *prefix: str) -> T:
-    """Return what ``read`` makes of a row of :func:`checked_json`; DamagedRecordingError for other values."""
+    """Return what is read of a row of :func:`checked_json`.
+
+    Args:
+        name: of the row, for messages.
+        read: what makes a value of the plain ones.
+        content: the row's text.
+        crc: its checksum.
+        prefix: as it was written.
+
+    Raises:
+        DamagedRecordingError: the row has other values.
+    """
     if isinstance(content, str) and len(content) > _LONGEST_JSON:
         expected = f"expected {name} of at most {_LONGEST_JSON} characters"
         raise DamagedRecordingError(f"{expected}, got {len(content)}")
@@ -167,8 +214,14 @@ def scene_from_json(text: Any) -> SceneIdentity:
 
 def scene_in_words(identity: SceneIdentity) -> str:
     """Return a scene's identity in a few words."""
-    parts = {"": identity.name, "level ": identity.level, "content ": identity.content[:12]}
-    return ", ".join(f"{what}{shown(part)}" for what, part in parts.items() if part) or "an unknown one"
+    parts = []
+    if identity.name:
+        parts.append(shown(identity.name))
+    if identity.level:
+        parts.append(f"level {shown(identity.level)}")
+    if identity.content:
+        parts.append(f"content {shown(identity.content[:12])}")
+    return ", ".join(parts) or "an unknown one"
 
 
 def scene_of(capture: Capture) -> set[str]:
