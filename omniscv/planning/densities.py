@@ -53,7 +53,7 @@ def steps(directions: Array, origins: Array | None = None) -> Array:
         if len(lines) > 1:
             # np.linalg.norm takes eight times as long.
             chords = lines[1:] - lines[:-1]
-            x, y, z = chords[..., 0], chords[..., 1], chords[..., 2]
+            x, y, z = np.moveaxis(chords, -1, 0)
             angle[:-1] = 2 * np.arcsin(np.clip(np.sqrt(x * x + y * y + z * z) / 2, 0, 1))
             if origins is not None and (angle == 0).any():
                 apart = np.linalg.norm(np.diff(origins, axis=axis), axis=-1) / _PARALLEL_M
@@ -68,13 +68,15 @@ def pixels_per_radian(camera: Camera) -> float:
 
     0 for parallel rays, and where no pixel is valid.
     """
-    u, v = (np.linspace(0.5, size - 0.5, _GRID) for size in (camera.width, camera.height))
+    u = np.linspace(0.5, camera.width - 0.5, _GRID)
+    v = np.linspace(0.5, camera.height - 0.5, _GRID)
     middle = np.stack(np.meshgrid(u, v), axis=-1)
     by_axis = []
     for step in ((0.25, 0.0), (0.0, 0.25)):
-        one, other = (camera.unproject(middle + sign * np.array(step)) for sign in (-1, 1))
-        both = one.valid & other.valid
-        chords = np.linalg.norm(one.directions - other.directions, axis=-1)
+        before = camera.unproject(middle - np.array(step))
+        after = camera.unproject(middle + np.array(step))
+        both = before.valid & after.valid
+        chords = np.linalg.norm(before.directions - after.directions, axis=-1)
         turn = np.median(chords[both]) if both.any() else 0
         if turn < _LEAST_TURN:
             return 0.0
@@ -152,7 +154,8 @@ def footprints_of(pixels: Ints, rays: Array, first: int, rim: Rim) -> Footprints
 
 
 def squares(directions: Array, steps: Floats) -> Footprints:
-    """Return square footprints, whose edges are (N,) radians long, around (N, 3) rays of any length."""
+    """Return square footprints around rays: ``directions`` (N, 3), of any length; ``steps`` (N,) are the
+    lengths of their edges, radians."""
     least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
     edges = np.empty((len(directions), 2, 3))
     edges[:, 0] = np.cross(directions, least)
@@ -162,18 +165,19 @@ def squares(directions: Array, steps: Floats) -> Footprints:
 
 
 def rim_of(camera: Camera, valid: Mask) -> Rim:
-    """Return the rim of an image, (H, W) ``valid``, from 8 x 8 rays in each pixel beside an invalid one."""
+    """Return the rim of a camera's image, (H, W) ``valid``, from 8 x 8 rays in each pixel beside an invalid
+    one."""
     inner = cv2.erode(valid.astype(np.uint8), np.ones((3, 3)), borderValue=1)
     pixels = np.flatnonzero(valid.ravel() & (inner.ravel() == 0))
     at = (np.arange(_SUBRAYS) + 0.5) / _SUBRAYS - 0.5
     offsets = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
     middles = np.stack(np.divmod(pixels, valid.shape[1])[::-1], axis=-1) + 0.5
     rays = unproject(camera, middles[:, None] + offsets)
-    some = rays.valid.any(axis=1)
-    pixels = pixels[some]
-    inside = rays.valid[some, :, None]
+    on_rim = rays.valid.any(axis=1)
+    pixels = pixels[on_rim]
+    inside = rays.valid[on_rim, :, None]
     share = inside / inside.sum(axis=1, keepdims=True)
-    centers = (share * np.where(inside, rays.directions[some], 0)).sum(axis=1)
+    centers = (share * np.where(inside, rays.directions[on_rim], 0)).sum(axis=1)
     apart = offsets - (share * offsets).sum(axis=1, keepdims=True)
     moments = np.einsum("nki,nkj->nij", share * apart, apart) / np.mean(at**2)
     spread, axes = np.linalg.eigh(moments)

@@ -104,7 +104,7 @@ def patches(
     windows = np.zeros((len(axes), 3), np.int64)
     find_windows = _best_windows.prepare(points, alive, axes, *limits, ratios, windows)
     find_windows(_ALL)
-    queue = [(-ratio, k) for k, ratio in enumerate(ratios.tolist())]
+    queue = list(zip(-ratios, range(len(axes)), strict=True))
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
@@ -125,15 +125,11 @@ def patches(
             normal, a, b = axes[k]
             azimuth = start + _SPANS[span] / 2
             middle = a * np.cos(azimuth) + b * np.sin(azimuth)
-            R_w_c, half = looking(directions[rows], middle, normal)
-            if not np.isfinite(half).all():  # a few rays are far off: centred on them, it loses others
-                R_w_c, half = looking(directions[rows], middle, normal, steps=1)
-            half = np.maximum(half, (LEAST_HALF, 0.0))
-            width, height = holding_size(half, focal_px, FACE_BORDER_PX, capabilities)
+            R_w_c, (width, height) = _around(directions[rows], middle, normal, focal_px, capabilities)
             view = View(Pose(doubt.center_w, R_w_c), pinhole.fov_deg(width, focal_px), width, height)
             half = (np.array([width, height]) / 2 - FACE_BORDER_PX) / focal_px  # it may serve these
-            rest = np.flatnonzero(left)
-            rows = rest[held(directions[rest], R_w_c, half)]
+            waiting_rows = np.flatnonzero(left)
+            rows = waiting_rows[held(directions[waiting_rows], R_w_c, half)]
             left[rows] = False
             alive[held(points, R_w_c, half)] = 0
             cost = modes * price.of(1, width * height)
@@ -147,6 +143,25 @@ def patches(
         find_windows = _best_windows.prepare(points, alive, axes, *limits, ratios, windows)
 
 
+def _around(
+    rays: Array, middle: Array, normal: Array, focal_px: float, capabilities: Capabilities
+) -> tuple[Array, tuple[int, int]]:
+    """Return R_w_c and the size of a view around rays near a great circle.
+
+    Args:
+        rays: (N, 3) unit.
+        middle: (3,) of the window in which they lie.
+        normal: (3,) of the circle's plane.
+        focal_px: of the view.
+        capabilities: of the source.
+    """
+    R_w_c, half = looking(rays, middle, normal)
+    if not np.isfinite(half).all():  # a few rays are far off: centred on them, it loses others
+        R_w_c, half = looking(rays, middle, normal, steps=1)
+    half = np.maximum(half, (LEAST_HALF, 0.0))
+    return R_w_c, holding_size(half, focal_px, FACE_BORDER_PX, capabilities)
+
+
 def _axes(points: Array) -> Array:
     """Return (C, 3, 3) great circles through pairs of rays, the same for the same rays: the axis of each, and
     two unit vectors in its plane, from which azimuths count."""
@@ -158,8 +173,8 @@ def _axes(points: Array) -> Array:
     near = (cosine < _NEAREST) & (cosine > _FARTHEST)
     normals = np.cross(a[near], b[near])[:_CIRCLES]
     # A single ray, or rays all in one place: any circle through them.
-    some = points[rng.integers(len(points), size=16)]
-    normals = np.concatenate([normals, np.cross(some, rng.normal(size=(16, 3)))])
+    alone = points[rng.integers(len(points), size=16)]
+    normals = np.concatenate([normals, np.cross(alone, rng.normal(size=(16, 3)))])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -257,7 +272,13 @@ def _inside(directions: Array, axes: Array, start: float, height: float, span: f
 
 
 def held(directions: Array, R_w_c: Array, half: Array) -> Mask:
-    """Return (N,) whether a view holds rays (N, 3) within tangents (2,) of its axis."""
+    """Return (N,) whether a view holds rays.
+
+    Args:
+        directions: (N, 3) world frame, of any length.
+        R_w_c: (3, 3) from the view's frame to the world.
+        half: (2,) tangents from its axis to its sides.
+    """
     inside = np.empty(len(directions), np.bool_)
     _hold(directions, R_w_c, half, inside)
     return inside

@@ -86,8 +86,10 @@ class Plan:
     def available(self, views: Sequence[View]) -> bool:
         """Return whether the source can deliver views: a recording, as colours or as ground truth."""
         recorded = self.recorded
-        scales = {1, self.options.truth_scale}
-        return recorded is None or any(recorded.hold(view.scaled(n) for view in views) for n in scales)
+        scale = self.options.truth_scale
+        if recorded is None or recorded.hold(views):
+            return True
+        return scale > 1 and recorded.hold([view.scaled(scale) for view in views])
 
     @property
     def sets_views(self) -> bool:
@@ -111,17 +113,20 @@ class Plan:
 
         ArgumentError: an unknown strategy, or truth or an accuracy that it, or the source, does not reach.
         """
-        made = self.made or ()
         scale = self.options.truth_scale
-        adapts = any(viewpoint.keep for round_ in made for viewpoint in round_.viewpoints)
-        if self.made is not None and not adapts and self.doubt_share is None:
-            for round_ in made:  # noqa: UP028 - a tuple takes nothing that is sent
+        if self.made is not None and not self._adapts and self.doubt_share is None:
+            for round_ in self.made:  # noqa: UP028 - a tuple takes nothing that is sent
                 yield round_
             return
         if scale > 1 and not self.capabilities.can_set_size:
             raise ArgumentError(f"truth_scale: expected 1 of a source that cannot set the size, got {scale}")
         planned = get(self.options.strategy).rounds(self)
-        yield from pass_on(planned, lambda each: each.changed(self.finished))
+        yield from pass_on(planned, lambda round_: round_.changed(self.finished))
+
+    @property
+    def _adapts(self) -> bool:
+        """Whether rounds that were made depend on what is captured."""
+        return any(round_.informs for round_ in self.made or ())
 
     def by_rays(self) -> Plan:
         """Return the plan with ground truth by one ray a pixel, which needs no captures: where the source
@@ -131,8 +136,8 @@ class Plan:
         if not (self.capabilities.traces and own) or self.rays.one_center:
             return self
         traced = tuple(mode for mode in self.modes if modalities.get(mode).truth)
-        rest = tuple(mode for mode in self.modes if mode not in traced)
-        return replace(self, modes=rest, traced=traced, made=self.made if rest else ())
+        captured = tuple(mode for mode in self.modes if mode not in traced)
+        return replace(self, modes=captured, traced=traced, made=self.made if captured else ())
 
     def make(self, modes: Sequence[str]) -> Plan:
         """Return the plan with its rounds made for what is captured in some modes, without capturing."""
@@ -142,7 +147,10 @@ class Plan:
     @cached_property
     def requests(self) -> dict[Request, None]:
         """The captures of the rounds that were made, each once."""
-        return dict.fromkeys(each for round_ in self.made or () for each in round_.requests(self.modes))
+        requests: dict[Request, None] = {}
+        for round_ in self.made or ():
+            requests |= dict.fromkeys(round_.requests(self.modes))
+        return requests
 
     def by(self, **options: Any) -> Plan:
         """Return the plan of the image with other options."""

@@ -52,7 +52,8 @@ class Search:
         self._plan = plan
         self._truth = any(modalities.get(mode).truth for mode in plan.modes)
         self.pixels = np.flatnonzero(rays.valid)
-        self.origins_w, self.directions_w = plan.origins_w(self.pixels), plan.directions_w(self.pixels)
+        self.origins_w = plan.origins_w(self.pixels)
+        self.directions_w = plan.directions_w(self.pixels)
         own = rays.own_viewpoints
         self.center_of = own.index.ravel()[self.pixels].astype(np.int64)
         steps = rays.steps.ravel()[self.pixels]
@@ -65,12 +66,13 @@ class Search:
         self._first_w = [plan.pose.to_world(group.center_c) for group in groups]
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, plan.pose.R_w_c) for group in groups]
-        some = slice(None, None, max(1, len(self.origins_w) // tuned.SAMPLED_RAYS))
+        sample = slice(None, None, max(1, len(self.origins_w) // tuned.SAMPLED_RAYS))
         for group in groups:  # and those that see parts of the rays' way
-            offset = self.origins_w[some] - plan.pose.to_world(group.center_c)
-            directions_w = self.directions_w[some]
+            offset = self.origins_w[sample] - plan.pose.to_world(group.center_c)
             away = np.linalg.norm(offset, axis=1, keepdims=True)
-            hit += [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in tuned.ON_THE_WAY]
+            for part in tuned.ON_THE_WAY:
+                points = offset + part * away * self.directions_w[sample]
+                hit.append(faces_hit(points, np.eye(3)))
         self._hit = np.any(hit, axis=0)
 
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
@@ -82,13 +84,16 @@ class Search:
 
     def first_views(self) -> list[View]:
         """Return the views of depth at the groups' centres."""
-        viewpoints = map(self.depth_viewpoint, self._first_w)
-        return [view for viewpoint in viewpoints for view in viewpoint.views_of("depth")]
+        views: list[View] = []
+        for center_w in self._first_w:
+            views += self.depth_viewpoint(center_w).views_of("depth")
+        return views
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
         """March rays that are not yet certified through depth captured at new centres, the nearest first."""
         first = len(self.shells)
-        self.shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
+        for captures in depth:
+            self.shells.append(depth_shell(captures[0].view.pose.t_w_c, captures))
         self._march(np.flatnonzero(self.doubtful(self.hits)), first)
 
     def _march(self, unsure: Ints, first: int) -> None:
@@ -112,7 +117,7 @@ class Search:
         return np.array([shell.center_w for shell in self.shells])
 
     def march_again(self, rows: Ints, finer: Mapping[int, Sequence[Capture]]) -> None:
-        """March rays (N,) anew, through depth that is ``finer`` now, by the number of its centre."""
+        """March ``rows`` of rays anew, through depth that is ``finer`` now, by the number of its centre."""
         for number, captures in finer.items():
             self.shells[number] = self.shells[number].refined(captures)
         self.hits[rows] = Hits.unknown(len(rows))
@@ -124,6 +129,10 @@ class Search:
         """March rays again through the centre that serves them, where depth is finer now.
 
         Relief finer than a capture's pixels makes its depth wrong without a sign of it.
+
+        Args:
+            rows: (N,) the rays.
+            number: of the centre.
 
         Returns:
             Of the rays that meet something else in finer depth, or an edge: their hits are replaced.
@@ -190,8 +199,13 @@ class Search:
         self.hits[rows] = known
 
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
-        """Return the viewpoint of rays that one centre serves, with views that see what they meet; None: the
-        cheapest that do. ``occluded`` (N,) is whether their own optical centres are."""
+        """Return the viewpoint of rays that one centre serves.
+
+        Args:
+            rows: (N,) the rays.
+            views: which see what they meet; None: the cheapest that do.
+            occluded: (N,) whether their own optical centres are.
+        """
         center_w = self.shells[self.shell_of[rows[0]]].center_w
         toward_w = self.toward_w(rows)
         viewpoint = Viewpoint(
@@ -215,13 +229,16 @@ class Search:
         R_w_c, half = looking(rays, rays.mean(axis=0), plan.pose.R_w_c[:, 1])
         pose = Pose(center_w, R_w_c)
         price = Price(*plan.options.capture_ms)
-        view = holding_view(plan, pose, half, plan.edge / 2) if half.max() <= STEEPEST else None
-        some = [faces, (view,)] if view else [faces]
-        return min(some, key=lambda views: float(price.of(len(views), pixels_of(views))))
+        if half.max() > STEEPEST:
+            return faces
+        view = holding_view(plan, pose, half, plan.edge / 2)
+        if view is None or price.of(1, pixels_of([view])) >= price.of(len(faces), pixels_of(faces)):
+            return faces
+        return (view,)
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
-        """Return (N, 3) from the centre of each of N rays to a point of it, ``reach`` (N,) metres along it;
-        None: what it meets."""
+        """Return (N, 3) from the centre of each ray of ``rows`` (N,) to a point of it, ``reach`` (N,) metres
+        along it; None: what it meets."""
         reach = self.hits.reach[rows] if reach is None else reach
         far = np.where(np.isfinite(reach), reach, FAR_M)[:, None]
         points_w = self.origins_w[rows] + far * self.directions_w[rows]

@@ -145,10 +145,11 @@ class ImageRays:
     def holding_view(self) -> HoldingView:
         """The view, upright in the image, that holds all rays of a central camera."""
         everywhere = HoldingView(np.eye(3), np.full(2, np.inf), np.inf)
-        sizes = self.camera.width, self.camera.height
-        across, down = (np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int)) + 0.5 for n in sizes)
-        some = densities.unproject(self.camera, np.array(list(product(across, down)))[None])
-        if len(np.unique((some.directions[some.valid] > 0) @ (1, 2, 4))) == 8:  # rays in every octant
+        across = _sampled_pixels(self.camera.width)
+        down = _sampled_pixels(self.camera.height)
+        sample = densities.unproject(self.camera, np.array(list(product(across, down)))[None])
+        octants = (sample.directions[sample.valid] > 0) @ (1, 2, 4)
+        if len(np.unique(octants)) == 8:  # rays in all of them
             return everywhere
         rays = self.directions[self.valid]
         R_c_v, half = looking(rays, rays.mean(axis=0), np.array([0.0, 1.0, 0.0]))
@@ -191,11 +192,12 @@ class ImageRays:
         shared = self.own_viewpoints if viewpoints is None else self.camera.viewpoints(viewpoints)
         order = np.argsort(shared.index, axis=None, kind="stable")
         starts = np.searchsorted(shared.index.ravel()[order], np.arange(len(shared.centers) + 1))
-        return tuple(
-            RayGroup(center_c, order[start:end], self)
-            for center_c, start, end in zip(shared.centers, starts[:-1], starts[1:], strict=True)
-            if end > start
-        )
+        groups = []
+        for number, center_c in enumerate(shared.centers):
+            pixels = order[starts[number] : starts[number + 1]]
+            if len(pixels):
+                groups.append(RayGroup(center_c, pixels, self))
+        return tuple(groups)
 
     def blocks(self, pixels: Ints | None = None, toward: Array | None = None) -> Iterator[RayBlock]:
         """Yield rays in blocks of rows of the image; in one block if rays are kept.
@@ -209,7 +211,8 @@ class ImageRays:
             return
         width = self.camera.width
         for rows in self._row_blocks():
-            start, stop = rows.start * width, rows.stop * width
+            start = rows.start * width
+            stop = rows.stop * width
             if pixels is None:
                 yield RayBlock(self, rows, slice(start, stop))
             else:
@@ -231,7 +234,8 @@ class ImageRays:
         arrays += [self._directions] if self.kept else []
         if "own_viewpoints" in self.__dict__:
             arrays += [self.own_viewpoints.centers, self.own_viewpoints.index]
-        arrays += [group.pixels for groups in list(self._groups.values()) for group in groups]
+        for groups in list(self._groups.values()):
+            arrays += [group.pixels for group in groups]
         return sum(array.nbytes for array in arrays if array is not None)
 
     def _row_blocks(self) -> Iterator[slice]:
@@ -290,12 +294,12 @@ class RayBlock:
         first, around = self._around
         return self._of_rows(around[self._rows.start - first : self._rows.stop - first].reshape(-1, 3))
 
-    def steps(self, some: Ints | slice) -> Floats:
-        """Return the angle from some rays to the next pixel's, radians; 0 where unknown."""
+    def steps(self, chosen: Ints | slice) -> Floats:
+        """Return the angle from the ``chosen`` rays to the next pixel's, radians; 0 where unknown."""
         first, around = self._around
         steps = self._image.steps if self.kept else densities.steps(around)
         steps = self._of_rows(steps[self._rows.start - first : self._rows.stop - first].reshape(-1))
-        return np.nan_to_num(steps[some]).astype(np.float32)
+        return np.nan_to_num(steps[chosen]).astype(np.float32)
 
     @property
     def first(self) -> int:
@@ -327,6 +331,11 @@ class RayBlock:
         return np.asarray(values[self._pixels - self._rows.start * self._image.camera.width])
 
 
+def _sampled_pixels(count: int) -> Array:
+    """Return the middles of pixels along an axis of an image, at most ``_SAMPLED`` of them."""
+    return np.unique(np.linspace(0, count - 1, _SAMPLED).astype(int)) + 0.5
+
+
 def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STEPS) -> tuple[Array, Array]:
     """Return R_w_c of a view with rays in its middle, and the tangents that hold them; infinite if none does.
 
@@ -351,14 +360,15 @@ def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STE
         if (seen[:, 2] <= _GRAZING).any():
             return R_w_c, np.full(2, np.inf)
         xy = seen[:, :2] / seen[:, 2:]
-        low, high = xy.min(axis=0), xy.max(axis=0)
+        low = xy.min(axis=0)
+        high = xy.max(axis=0)
         half = np.maximum(-low, high)
         toward = R_w_c @ np.append((low + high) / 2, 1.0)
     return R_w_c, half
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors; numpy.cross takes ten times as long."""
+    """Return the cross product of two vectors a and b, (3,) each; numpy.cross takes ten times as long."""
     (ax, ay, az) = a.tolist()
     (bx, by, bz) = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -21,7 +21,7 @@ from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import tuned
 from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.plan import Doubted, Plan
-from omniscv.planning.rounds import Round, Rounds, pass_on, pixels_of
+from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
@@ -54,7 +54,7 @@ class Choice:
     @property
     def promised(self) -> float:
         """How many pixels the patches are expected to resolve."""
-        return sum(each.worth for each in self.patches)
+        return sum(patch.worth for patch in self.patches)
 
 
 class Refinement(ABC):
@@ -154,7 +154,9 @@ class Refinement(ABC):
 
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
-        requests = [request for round_ in self.counted() for request in round_.requests(self.plan.modes)]
+        requests = []
+        for round_ in self.counted():
+            requests += round_.requests(self.plan.modes)
         local = self.expected_ms / (self.price.of(1, tuned.PATCH_PX) or 1)
         pixels = pixels_of(request.view for request in requests)
         return len(requests) + round(local), pixels + round(local * tuned.PATCH_PX)
@@ -162,7 +164,11 @@ class Refinement(ABC):
     def _count(self, planned: Round) -> Round:
         # Views of finer truth are as fine as they are given here.
         finished = self.plan.finished
-        planned = planned.changed(lambda each: finished(replace(each, truth_scale=each.truth_scale or 1)))
+
+        def finish(viewpoint: Viewpoint) -> Viewpoint:
+            return finished(replace(viewpoint, truth_scale=viewpoint.truth_scale or 1))
+
+        planned = planned.changed(finish)
         requests = planned.requests(self.plan.modes)
         self._requests += len(requests)
         self._pixels += pixels_of(request.view for request in requests)
@@ -194,7 +200,13 @@ class Refinement(ABC):
                 return
             promised = choice.promised
             yield from self.capture(choice)
-        yield Round((), RECORDED if self._partly else SPENT if self._limited else STUCK)
+        yield Round((), self._why_stuck())
+
+    def _why_stuck(self) -> str:
+        """Return why captures end although more pixels are in doubt than may be."""
+        if self._partly:
+            return RECORDED
+        return SPENT if self._limited else STUCK
 
     def choice(self, pixels: Ints) -> Choice | str:
         """Return the cheapest patches after which few enough pixels are in doubt; or why there are none."""
@@ -207,18 +219,27 @@ class Refinement(ABC):
         focal_px = np.concatenate([doubt.focal_px for doubt in doubts])
         coarse = float(np.quantile(focal_px, tuned.COARSE_QUANTILE))
         lengths = [finer * coarse for finer in tuned.FINER]
+        best = self._cheapest(len(pixels), doubts, lengths)
+        if best is None:
+            return SPENT if self._limited else "no finer view fits"
+        recorded = plan.recorded
+        if recorded is not None and not recorded.hold(patch.view for patch in best.patches):
+            self._partly = True
+            return self._most_held(recorded, len(pixels), doubts, lengths) or RECORDED
+        return best
+
+    def _cheapest(self, count: int, doubts: Sequence[Doubt], lengths: Sequence[float]) -> Choice | None:
+        """Return the cheapest patches among focal lengths that grow; None where no patch fits."""
         best: Choice | None = None
         self._limited = False
         for length in lengths:
-            choice = self._patched(len(pixels), doubts, length, np.inf if best is None else best.ms)
-            if best is not None and choice.patches and choice.ms >= best.ms:
+            choice = self._patched(count, doubts, length, np.inf if best is None else best.ms)
+            if not choice.patches:
+                continue
+            if best is not None and choice.ms >= best.ms:
                 break  # finer ones are dearer still
-            best = choice if choice.patches else best
-        recorded = plan.recorded
-        if recorded is not None and best and not recorded.hold(each.view for each in best.patches):
-            self._partly = True
-            return self._most_held(recorded, len(pixels), doubts, lengths) or RECORDED
-        return best or (SPENT if self._limited else "no finer view fits")
+            best = choice
+        return best
 
     def _most_held(
         self, recorded: RecordedViews, count: int, doubts: Sequence[Doubt], lengths: Sequence[float]
@@ -227,9 +248,9 @@ class Refinement(ABC):
         choices = []
         for focal_px in lengths:
             choice = self._patched(count, doubts, focal_px, np.inf)
-            held_ones = [each for each in choice.patches if recorded.hold([each.view])]
-            if held_ones:
-                choices.append(replace(choice, patches=held_ones))
+            recorded_patches = [patch for patch in choice.patches if recorded.hold([patch.view])]
+            if recorded_patches:
+                choices.append(replace(choice, patches=recorded_patches))
         return max(choices, key=lambda choice: len(choice.patches), default=None)
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
@@ -241,14 +262,14 @@ class Refinement(ABC):
         area = 0.0
         batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
-        for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):
-            area += modes * each.view.width * each.view.height
+        for patch in heapq.merge(*sources, key=lambda patch: -patch.worth / patch.price):
+            area += modes * patch.view.width * patch.view.height
             if self.full(area, modes * (len(batch) + 1)):
                 self._limited = True
                 break
-            batch.append(each)
-            ms = ms + each.price
-            left = left - each.worth
+            batch.append(patch)
+            ms += patch.price
+            left -= patch.worth
             if left <= target or ms > most_ms:
                 break
         if left > target:
@@ -290,7 +311,7 @@ class Refinement(ABC):
         return float(dearer * tuned.LOCAL_MS * edges * max(0.0, further))
 
     def full(self, pixels: float, requests: int) -> bool:
-        """Return whether more captures exceed a budget."""
+        """Return whether so many more ``requests``, with so many ``pixels``, exceed a budget."""
         options = self.plan.options
         most = self.plan.options.most_captures
         if most is None and options.accuracy is None:
@@ -302,7 +323,13 @@ class Refinement(ABC):
 
 
 def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:
-    """Return (N,) the first view that holds each ray, and a border around it; -1 where none does."""
+    """Return (N,) the first view that holds each ray, and a border around it; -1 where none does.
+
+    Args:
+        directions_w: (N, 3) rays of any length, world frame.
+        views: the candidates.
+        border_px: what a view shows around the ray at least.
+    """
     view_of = np.full(len(directions_w), -1)
     for number, view in reversed(list(enumerate(views))):
         half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
@@ -315,6 +342,10 @@ def nearest_view(directions_w: Array, views: Sequence[View]) -> Ints:
 
     A ray between two faces, or along a diagonal, belongs to either. No border decides, so that none is lost
     to rounding there.
+
+    Args:
+        directions_w: (N, 3) rays of any length, world frame.
+        views: one at least.
     """
     axes_w = np.stack([view.pose.R_w_c[:, 2] for view in views])
     return np.asarray(np.argmax(directions_w @ axes_w.T, axis=1))

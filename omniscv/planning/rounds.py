@@ -67,10 +67,15 @@ class Viewpoint:
         """Return the captures that are compared with those of ground truth; none where nothing is."""
         if not self.compared:
             return []
-        names = [modalities.get(mode).name for mode in (modes if self.modes is None else self.modes)]
-        shapes = [(view, Shape.of(view).finer()) for view in self._scaled(self.truth_scale or 1)]
-        views = [replace(view, width=width, height=height) for view, (width, height, _) in shapes]
-        return [Request(view, mode, self.state) for view in views for mode in COMPARED if mode in names]
+        names = [row.name for row in self._rows(modes)]
+        requests = []
+        for view in self._scaled(self.truth_scale or 1):
+            width, height, _ = Shape.of(view).finer()
+            finer_view = replace(view, width=width, height=height)
+            for mode in COMPARED:
+                if mode in names:
+                    requests.append(Request(finer_view, mode, self.state))
+        return requests
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures for an image in some modes.
@@ -78,26 +83,39 @@ class Viewpoint:
         They are ordered view by view, ground truth first where it is finer: a server then poses its camera
         once for all modes of one size. Depth comes first.
         """
-        rows = [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
         # Depth differs between viewpoints where colours may be alike: a live source detects by it that its
         # camera has moved.
-        depth = [row.name for row in rows if row.interpolation == "surface" and self.known_depth is None]
-        others = [row.captured_as or row.name for row in rows if row.interpolation != "surface"]
+        depth = []
+        others = []
+        for row in self._rows(modes):
+            if row.interpolation != "surface":
+                others.append(row.captured_as or row.name)
+            elif self.known_depth is None:
+                depth.append(row.name)
         captured = list(dict.fromkeys(depth + others))
-        scales = sorted(set(map(self._scale, captured)), reverse=True)
-        return [
-            Request(view, mode, self.state)
-            for scale in scales
-            for view in self._scaled(scale)
-            for mode in captured
-            if self._scale(mode) == scale
-        ] + self.finer(modes)
+        requests = []
+        for scale in sorted(set(map(self._scale, captured)), reverse=True):
+            modes_of_scale = [mode for mode in captured if self._scale(mode) == scale]
+            for view in self._scaled(scale):
+                for mode in modes_of_scale:
+                    requests.append(Request(view, mode, self.state))
+        return requests + self.finer(modes)
+
+    def _rows(self, modes: Sequence[str]) -> list[modalities.Modality]:
+        """Return the modalities that are captured here for an image in some modes."""
+        return [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
 
     def _scale(self, mode: str) -> int:
-        return self.truth_scale or 1 if modalities.get(mode).truth else 1
+        """Return how much finer a mode is captured than colours."""
+        if self.truth_scale is None or not modalities.get(mode).truth:
+            return 1
+        return self.truth_scale
 
     def _scaled(self, scale: int) -> tuple[View, ...]:
-        return self.views if scale == 1 else tuple(view.scaled(scale) for view in self.views)
+        """Return the views, so much finer."""
+        if scale == 1:
+            return self.views
+        return tuple(view.scaled(scale) for view in self.views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +132,21 @@ class Round:
     stopped: str = ""
     instead: str = ""
 
+    @property
+    def informs(self) -> bool:
+        """Whether the strategy is sent captures of the round, on which later ones depend."""
+        return any(viewpoint.keep for viewpoint in self.viewpoints)
+
     def changed(self, change: Callable[[Viewpoint], Viewpoint]) -> Round:
         """Return the round with every viewpoint changed."""
         return replace(self, viewpoints=tuple(map(change, self.viewpoints)))
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures of an image in some modes, viewpoint by viewpoint."""
-        return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
+        requests = []
+        for viewpoint in self.viewpoints:
+            requests += viewpoint.requests(modes)
+        return requests
 
 
 Captures = list[Mapping[str, Sequence[Capture]]]
@@ -131,7 +157,7 @@ Rounds = Generator[Round, Captures | None, None]
 
 
 def pass_on(rounds: Rounds, change: Callable[[Round], Round]) -> Rounds:
-    """Yield rounds, changed, and pass on what is sent."""
+    """Yield rounds, each after a ``change``, and pass on what is sent."""
     kept: Captures | None = None
     with closing(rounds):
         while (planned := _next(rounds, kept)) is not None:
@@ -162,13 +188,25 @@ def drive(rounds: Rounds, capture: Callable[[Round], Captures | None]) -> None:
 def captured(
     round_: Round, source: Source, modes: Sequence[str], skip: Container[Request] = ()
 ) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
-    """Capture a round for an image in some modes, and yield its viewpoints with their captures by mode, in
-    the views' order; those that are compared are under ``FINER`` and the mode.
+    """Capture a round, and yield its viewpoints with their captures by mode, in the views' order; those that
+    are compared are under ``FINER`` and the mode.
 
-    Requests are read ahead as far as the source pipelines; those to ``skip`` are not made again, except for
-    viewpoints that are kept. BadReplyError: the source ends early."""
-    missing = [[r for r in v.requests(modes) if v.keep or r not in skip] for v in round_.viewpoints]
-    captures = iter(source.capture(request for requests in missing for request in requests))
+    Args:
+        round_: the viewpoints.
+        source: reads requests ahead, as far as it pipelines.
+        modes: of the image.
+        skip: requests that are not made again, except for viewpoints that are kept.
+
+    Raises:
+        BadReplyError: the source ends early.
+    """
+    missing = []
+    for viewpoint in round_.viewpoints:
+        requests = viewpoint.requests(modes)
+        if not viewpoint.keep:
+            requests = [request for request in requests if request not in skip]
+        missing.append(requests)
+    captures = iter(source.capture(chain.from_iterable(missing)))
     for viewpoint, requests in zip(round_.viewpoints, missing, strict=True):
         by_mode: dict[str, list[Capture]] = {}
         finer = frozenset(viewpoint.finer(modes))
@@ -176,7 +214,8 @@ def captured(
             mode = (FINER if request in finer else "") + capture.mode
             stated = source.stated(capture) if capture.mode == "depth" else capture
             by_mode.setdefault(mode, []).append(stated)
-        if (count := sum(map(len, by_mode.values()))) < len(requests):
+        count = sum(map(len, by_mode.values()))
+        if count < len(requests):
             raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
         yield viewpoint, by_mode
 
@@ -188,6 +227,9 @@ def pixels_of(views: Iterable[View]) -> int:
 
 def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
     """Return the progress that the captures of a viewpoint, by mode, are."""
-    flat = list(chain.from_iterable(captures.values()))
-    sizes = (c.pixels.nbytes if c.payload is None else len(c.payload) for c in flat)
-    return Progress(captures=len(flat), nbytes=sum(sizes))
+    count = 0
+    nbytes = 0
+    for capture in chain.from_iterable(captures.values()):
+        count += 1
+        nbytes += capture.pixels.nbytes if capture.payload is None else len(capture.payload)
+    return Progress(captures=count, nbytes=nbytes)

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from omniscv.geometry.arrays import Ints, Mask
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.planning import tuned
 from omniscv.planning.patches import Doubt
 from omniscv.planning.plan import Plan
@@ -113,7 +114,9 @@ class SeveralCenters(Refinement):
         while viewpoints:
             serving = Round(tuple(map(serving_all, viewpoints))).changed(plan.finished)
             later = serving.requests(plan.modes)
-            self.reserved = self.reserved[0] + len(later), self.reserved[1] + pixels_of(r.view for r in later)
+            requests, pixels = self.reserved
+            later_pixels = pixels_of(request.view for request in later)
+            self.reserved = requests + len(later), pixels + later_pixels
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
                 yield serving
@@ -128,10 +131,10 @@ class SeveralCenters(Refinement):
             if origin_w is None:
                 break
             more = search.depth_viewpoint(origin_w)
-            planned = [*more.requests(plan.modes), *plan.finished(serving_all(more)).requests(plan.modes)]
-            if self.full(pixels_of(request.view for request in planned), len(planned)) or not (
-                plan.recorded is None or plan.recorded.hold(more.views_of("depth"))
-            ):
+            planned = more.requests(plan.modes) + plan.finished(serving_all(more)).requests(plan.modes)
+            if self.full(pixels_of(request.view for request in planned), len(planned)):
+                break
+            if plan.recorded is not None and not plan.recorded.hold(more.views_of("depth")):
                 break
             viewpoints = [more]
         return True
@@ -143,39 +146,47 @@ class SeveralCenters(Refinement):
             yield replace(self._viewpoint(mine), modes=modes)
 
     def _serve(self, rows: Ints, rate: float, again: bool = False) -> Rounds:
-        """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price, with
-        ``rate`` ms a pixel; coarse views ``again`` for rays that no patch shows."""
-        search = self._search
-        viewpoints = []
-        rows = rows[~search.doubtful(search.hits.of(rows))]
-        for number in np.unique(search.shell_of[rows]):
-            mine = rows[search.shell_of[rows] == number]
-            views = self._finer[number]
-            patch_of = first_view(search.toward_w(mine), views, FACE_BORDER_PX)
-            patches = ((mine[patch_of == patch], view) for patch, view in enumerate(views))
-            viewpoints += [
-                replace(self._viewpoint(some, view), modes=self.patched)
-                for some, view in patches
-                if len(some)
-            ]
-            if again and len(rest := mine[patch_of < 0]):
-                viewpoints += self._coarse_views(rest, self.patched)
-        worthy = []
-        count = 0
-        area = 0
-        for viewpoint in viewpoints:
+        """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price.
+
+        Args:
+            rows: (N,) the rays.
+            rate: worth of a ray, ms.
+            again: whether rays that no patch shows are served by coarse views once more.
+        """
+        chosen = []
+        request_count = 0
+        pixel_count = 0
+        for viewpoint in self._serving_viewpoints(rows, again):
             requests = viewpoint.requests(self.patched)
             pixels = pixels_of(request.view for request in requests)
-            worth = rate * len(viewpoint.pixels)
-            if self.price.of(len(requests), pixels) <= worth and not self.full(
-                area + pixels, count + len(requests)
-            ):
-                worthy.append(viewpoint)
-                count = count + len(requests)
-                area = area + pixels
-                self.focal_px[viewpoint.pixels] = viewpoint.views_of("depth")[0].focal_px
-        if worthy:
-            yield Round(tuple(worthy))
+            if self.price.of(len(requests), pixels) > rate * len(viewpoint.pixels):
+                continue
+            if self.full(pixel_count + pixels, request_count + len(requests)):
+                continue
+            chosen.append(viewpoint)
+            request_count += len(requests)
+            pixel_count += pixels
+            self.focal_px[viewpoint.pixels] = viewpoint.views_of("depth")[0].focal_px
+        if chosen:
+            yield Round(tuple(chosen))
+
+    def _serving_viewpoints(self, rows: Ints, again: bool) -> list[Viewpoint]:
+        """Return the viewpoints of the patches that show rays whose depth is not in doubt; see ``_serve``."""
+        search = self._search
+        viewpoints = []
+        certain = rows[~search.doubtful(search.hits.of(rows))]
+        for number in np.unique(search.shell_of[certain]):
+            rows_here = certain[search.shell_of[certain] == number]
+            views = self._finer[number]
+            patch_of = first_view(search.toward_w(rows_here), views, FACE_BORDER_PX)
+            for index, view in enumerate(views):
+                shown = rows_here[patch_of == index]
+                if len(shown):
+                    viewpoints.append(replace(self._viewpoint(shown, view), modes=self.patched))
+            unseen = rows_here[patch_of < 0]
+            if again and len(unseen):
+                viewpoints += self._coarse_views(unseen, self.patched)
+        return viewpoints
 
     def _viewpoint(self, rows: Ints, view: View | None = None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves, with a patch or with coarse views."""
@@ -192,30 +203,39 @@ class SeveralCenters(Refinement):
         rows = self._rows_of(pixels)
         hits = search.hits.of(rows)
         deep = search.doubtful(hits)
-        parts = []
         beside = deep & (hits.beside_from <= hits.beside_to)
         helped = ~hits.known_depth().unsure | (hits.hidden_from > hits.hidden_to)  # finer depth shows an end
+        rows_of_parts = []
+        directions_of_parts = []
         for chosen, reach in (
             (helped & ~beside, hits.reach),
             (helped & beside, hits.beside_from),
             (helped & beside & (hits.beside_to > hits.beside_from), hits.beside_to),
         ):
-            parts.append((rows[chosen], search.toward_w(rows[chosen], reach[chosen])))
-        some, toward_w = (np.concatenate(part) for part in zip(*parts, strict=True))
+            rows_of_parts.append(rows[chosen])
+            directions_of_parts.append(search.toward_w(rows[chosen], reach[chosen]))
+        helped_rows = np.concatenate(rows_of_parts)
+        toward_w = np.concatenate(directions_of_parts)
         toward_w /= np.linalg.norm(toward_w, axis=1, keepdims=True)
-        deep = deep[np.searchsorted(rows, some)]
-        found: list[Doubt] = []
-        for number in np.unique(search.shell_of[some]):
-            mine = np.flatnonzero(search.shell_of[some] == number)
-            views = self._finer[number]
-            focal_px = np.array([*(view.focal_px for view in views), self._focal_px], np.float32)
-            patch_of = first_view(toward_w[mine], views, FACE_BORDER_PX)
-            pixels = search.pixels[some[mine]]
-            coarse = np.where(deep[mine], focal_px[patch_of], self.focal_px[pixels])
-            found.append(Doubt(int(number), search.centers_w[number], pixels, toward_w[mine], coarse))
-        return found
+        deep = deep[np.searchsorted(rows, helped_rows)]
+        doubts: list[Doubt] = []
+        for number in np.unique(search.shell_of[helped_rows]):
+            mine = np.flatnonzero(search.shell_of[helped_rows] == number)
+            coarse = self._focal_px_of(number, search.pixels[helped_rows[mine]], toward_w[mine], deep[mine])
+            pixels = search.pixels[helped_rows[mine]]
+            doubts.append(Doubt(int(number), search.centers_w[number], pixels, toward_w[mine], coarse))
+        return doubts
+
+    def _focal_px_of(self, number: int, pixels: Ints, toward_w: Array, deep: Mask) -> Floats:
+        """Return how finely a centre captured pixels so far: their depth where ``deep``, else masks."""
+        views = self._finer[number]
+        focal_px = np.array([*(view.focal_px for view in views), self._focal_px], np.float32)
+        patch_of = first_view(toward_w, views, FACE_BORDER_PX)
+        patch_of[patch_of < 0] = len(views)  # coarse views
+        return np.where(deep, focal_px[patch_of], self.focal_px[pixels])
 
     def _rows_of(self, pixels: Ints) -> Ints:
+        """Return the rays of pixels."""
         return np.searchsorted(self._search.pixels, pixels)
 
     def capture(self, choice: Choice) -> Rounds:
@@ -232,20 +252,20 @@ class SeveralCenters(Refinement):
         """Yield depth in patches and march rays again; return those of the patches, and those that coarser
         depth was wrong about."""
         views: dict[int, list[View]] = defaultdict(list)
-        for each in choice.patches:
-            views[each.center].append(each.view)
-        kept = yield Round(
-            tuple(
-                Viewpoint(mine[0].pose.t_w_c, tuple(mine), _NONE, modes=("depth",), keep=True)
-                for mine in views.values()
-            )
-        )
+        for patch in choice.patches:
+            views[patch.center].append(patch.view)
+        viewpoints = []
+        for patches in views.values():
+            center_w = patches[0].pose.t_w_c
+            viewpoints.append(Viewpoint(center_w, tuple(patches), _NONE, modes=("depth",), keep=True))
+        kept = yield Round(tuple(viewpoints))
         assert kept is not None
-        finer = {number: captures["depth"] for number, captures in zip(views, kept, strict=True)}
-        for number, captures in finer.items():
-            self._finer[number] += [capture.view for capture in captures]
+        finer = {}
+        for number, captures in zip(views, kept, strict=True):
+            finer[number] = captures["depth"]
+            self._finer[number] += [capture.view for capture in captures["depth"]]
             self._finer[number].sort(key=lambda view: -view.focal_px)
-        rows = self._rows_of(np.unique(np.concatenate([each.pixels for each in choice.patches])))
+        rows = self._rows_of(np.unique(np.concatenate([patch.pixels for patch in choice.patches])))
         return rows, self._march_again(rows, finer)
 
     def _march_again(self, doubted: Ints, finer: Mapping[int, Sequence[Capture]]) -> Ints:

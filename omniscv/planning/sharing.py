@@ -47,7 +47,9 @@ def share_captures(plans: Sequence[Plan], modes: Sequence[str]) -> list[Plan]:
     shared = list(plans)
     for group in _groups(plans):
         center_w = plans[group[0]].pose.position
-        at_center = [replace(plans[i], pose=Pose(center_w, plans[i].pose.rotation)) for i in group]
+        at_center = []
+        for i in group:
+            at_center.append(replace(plans[i], pose=Pose(center_w, plans[i].pose.rotation)))
         for i, plan in zip(group, _cheapest(at_center, modes), strict=True):
             shared[i] = plan
     return shared
@@ -72,41 +74,52 @@ def _groups(plans: Sequence[Plan]) -> list[list[int]]:
 def _cheapest(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
     """Return plans at one centre: each its own, or faces of one cube map, whichever takes less."""
     if not plans[0].rays.camera.central:
-        return [plan.make(plan.modes) if plan.modes else plan for plan in plans]
+        made = []
+        for plan in plans:
+            made.append(plan.make(plan.modes) if plan.modes else plan)
+        return made
     # Planned as if captures were new, as when the recording was made; not by the views that it lacks.
-    new = [plan if plan.recorded is None else replace(plan, recorded=None) for plan in plans]
-    cheapest = _cheapest_new(new, modes)
+    cheapest = _cheapest_new([replace(plan, recorded=None) for plan in plans], modes)
     if plans[0].recorded is None:
         return cheapest
-    pairs = zip(plans, cheapest, strict=True)
-    replayed = [replace(plan, options=best.options, shared=best.shared).make(modes) for plan, best in pairs]
-    if all(plan.available([request.view for request in plan.requests]) for plan in replayed):
-        return replayed
-    return [plan.make(modes) for plan in plans]
+    replayed = []
+    for plan, best in zip(plans, cheapest, strict=True):
+        replayed.append(replace(plan, options=best.options, shared=best.shared).make(modes))
+    for plan in replayed:
+        if not plan.available([request.view for request in plan.requests]):
+            return [plan.make(modes) for plan in plans]
+    return replayed
 
 
 def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
-    best = own = [plan.make(modes) for plan in plans]
+    """Return plans at one centre, whose captures are new: each its own, or with faces that they share."""
+    own = [plan.make(modes) for plan in plans]
+    best = own
     least = _work(own)
+    everybody = list(range(len(plans)))
     # A narrow camera that one view holds may need finer faces than all others.
-    wide = [len({request.view for request in plan.requests}) > 1 for plan in own]
-    for sharing in dict.fromkeys(((True,) * len(plans), tuple(wide))):
-        if sum(sharing) > 1:
-            edge = max(plan.edge for plan, shares in zip(plans, sharing, strict=True) if shares)
-            some = [
-                replace(plan.by(face_size=edge), shared=True).make(modes) if shares else alone
-                for plan, alone, shares in zip(plans, own, sharing, strict=True)
-            ]
-            if (work := _work(some)) < least:
-                best = some
-                least = work
+    wide = [i for i in everybody if len({request.view for request in own[i].requests}) > 1]
+    choices = [everybody] if wide == everybody else [everybody, wide]
+    for sharing in choices:
+        if len(sharing) < 2:
+            continue
+        edge = max(plans[i].edge for i in sharing)
+        together = list(own)
+        for i in sharing:
+            together[i] = replace(plans[i].by(face_size=edge), shared=True).make(modes)
+        work = _work(together)
+        if work < least:
+            best = together
+            least = work
     return best
 
 
 def _work(plans: Sequence[Plan]) -> float:
     """Return what the distinct requests of plans cost a source, in requests."""
-    views = [request.view for request in {request: None for plan in plans for request in plan.requests}]
-    return len(views) + pixels_of(views) / PIXELS_PER_REQUEST
+    requests: dict[Request, None] = {}
+    for plan in plans:
+        requests |= plan.requests
+    return len(requests) + pixels_of(request.view for request in requests) / PIXELS_PER_REQUEST
 
 
 @dataclass(frozen=True)
@@ -132,14 +145,24 @@ class Cost:
 
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
-        counts = ("requests", "pixels", "seconds", "most")
-        sums = {of: getattr(self, of) + getattr(other, of) for of in counts}
-        return replace(self, **sums, marked=max(self.marked, other.marked))
+        return replace(
+            self,
+            requests=self.requests + other.requests,
+            pixels=self.pixels + other.pixels,
+            seconds=self.seconds + other.seconds,
+            most=self.most + other.most,
+            marked=max(self.marked, other.marked),
+        )
 
     def times(self, factor: float) -> Cost:
         """Return the cost of so many times the images, alike and without shared captures."""
-        counts = {name: round(factor * getattr(self, name)) for name in ("requests", "pixels", "most")}
-        return replace(self, **counts, seconds=factor * self.seconds)
+        return replace(
+            self,
+            requests=round(factor * self.requests),
+            pixels=round(factor * self.pixels),
+            most=round(factor * self.most),
+            seconds=factor * self.seconds,
+        )
 
 
 def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **changes: Any) -> Cost:
@@ -160,20 +183,20 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     shared: dict[Request, None] = {}
     apart: dict[ImageRays, dict[tuple[Any, ...], Plan]] = defaultdict(dict)
     for plans in frames:
-        changed = [replace(p.by(**changes), modes=tuple(modes)).by_rays() for p in plans]
+        changed = [replace(plan.by(**changes), modes=tuple(modes)).by_rays() for plan in plans]
         price = Price(*changed[0].options.capture_ms)
         for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
             shared |= plan.requests or plan.make(modes).requests
             total = replace(total, marked=max(total.marked, _MARKED))
         for plan in filter(_is_apart, changed):
-            pose = plan.pose.position.tobytes(), plan.pose.rotation.tobytes()
-            apart[plan.rays][*pose, plan.state] = plan
-    for of_camera in apart.values():
-        some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
-        alone = reduce(add, (_cost_alone(plan, way) for plan in some))
-        times = len(of_camera) / len(some)
-        counts = ("requests", "pixels", "most")
-        total += replace(alone, **{of: round(times * getattr(alone, of)) for of in counts})
+            position = plan.pose.position.tobytes()
+            rotation = plan.pose.rotation.tobytes()
+            apart[plan.rays][position, rotation, plan.state] = plan
+    for plans_of_camera in apart.values():
+        step = math.ceil(len(plans_of_camera) / _PLANNED_POSES)
+        planned = list(plans_of_camera.values())[::step]
+        alone = reduce(add, [_cost_alone(plan, way) for plan in planned])
+        total += alone.times(len(plans_of_camera) / len(planned))
     total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0, len(shared))
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
 
@@ -186,7 +209,12 @@ def _is_apart(plan: Plan) -> bool:
 def _cost_alone(plan: Plan, way: str) -> Cost:
     if not plan.modes:
         return Cost(way, 0, 0, 0.0)
-    known = plan.rays.one_center or plan.options.viewpoints is None
-    marked = plan.doubt_share or (_MARKED if known else 1.0)
+    if plan.doubt_share:
+        marked = plan.doubt_share
+    elif plan.rays.one_center or plan.options.viewpoints is None:
+        marked = _MARKED
+    else:
+        marked = 1.0
     requests, pixels = get(plan.options.strategy).expected(plan)
-    return Cost(way, requests, pixels, 0.0, requests * (1 if plan.doubt_share is None else _BUSY), marked)
+    most = requests if plan.doubt_share is None else _BUSY * requests
+    return Cost(way, requests, pixels, 0.0, most, marked)

@@ -66,12 +66,15 @@ class Exact(Strategy):
     own_centers = True
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
+        """Return the viewpoints of groups of pixels of a plan; ``around`` is the depth around the camera, if
         captured."""
         if len(groups) > 1:
             return _cheapest_viewpoints(plan, groups, around)
-        single = [each for group in groups if not plan.shared and (each := _single_viewpoint(plan, group))]
-        return tuple(single) or face_viewpoints(plan, groups, around)
+        if groups and not plan.shared:
+            viewpoint = _single_viewpoint(plan, groups[0])
+            if viewpoint is not None:
+                return (viewpoint,)
+        return face_viewpoints(plan, groups, around)
 
     def rounds(self, plan: Plan) -> Rounds:
         """Yield the viewpoints, after the round in which occluded centres are found."""
@@ -91,6 +94,7 @@ class Cube(Exact):
     own_centers = False
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        """Return those of a plan's groups of pixels; ``around`` is the depth around the camera."""
         return face_viewpoints(plan, groups, around, whole=True)
 
 
@@ -103,25 +107,40 @@ def capture_around(
     also show what rays meet, and are as fine as the image needs; a recording may only have those of another
     size. None where every ray starts at one centre, where a recording has no such pictures, and where nothing
     is captured.
+
+    Args:
+        plan: the image.
+        groups: its pixels by optical centre.
+        shared: whether pixels share centres.
     """
     if len(groups) < 2 and (plan.rays.origins is None or len(plan.rays.own_viewpoints.centers) < 2):
         return None
     center_w = plan.pose.t_w_c
     fine = max(plan.edge, _OCCLUDED_PX)
     small = _OCCLUDED_PX
-    edges = [small] if plan.options.viewpoints is None else [fine, small] if shared else [small, fine]
+    if plan.options.viewpoints is None:
+        edges = [small]
+    elif shared:
+        edges = [fine, small]
+    else:
+        edges = [small, fine]
     sizes = [CubeFaces(plan, edge, 0).views(center_w, ALL_FACES) for edge in edges]
-    available = [views for views in sizes if plan.available(views)]
-    if not available:
+    views = next(filter(plan.available, sizes), None)
+    if views is None:
         return None
-    views = available[0]
     kept = yield Round((Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True),))
     return None if kept is None else depth_shell(center_w, kept[0]["depth"])
 
 
 def occlusion(around: DepthShell, points_w: Array) -> tuple[Mask, Mask]:
-    """Return (N,) which points (N, 3), world frame, are visible from where depth was captured ``around``, and
-    which are occluded; points near an edge may be neither."""
+    """Return which points are visible from where depth was captured, and which are occluded, (N,) each.
+
+    Points near an edge may be neither.
+
+    Args:
+        around: the captured depth.
+        points_w: (N, 3) world frame, metres.
+    """
     toward = points_w - around.center_w
     away = np.linalg.norm(toward, axis=-1)
     least, most = distances(around, toward)
@@ -169,9 +188,7 @@ def _recorded_viewpoints(plan: Plan, recorded: RecordedViews, group: RayGroup) -
     unseen, unsure = np.zeros((2, len(group.pixels)), np.bool_)
     serving: dict[tuple[View, ...], Ints] = {}
     for views in modes_of:
-        valid = (directions[~np.isnan(directions[:, 0])] for directions in group.blocks())
-        parts = [finest(views, directions @ plan.pose.R_w_c.T) for directions in valid]
-        serving[views], edge_px = map(np.concatenate, zip(*parts, strict=True))
+        serving[views], edge_px = _serving_views(plan, views, group)
         unseen |= serving[views] < 0
         unsure |= edge_px < _TO_A_CENTER_PX
     if unseen.all() or (unseen.any() and plan.options.unseen == "refuse"):
@@ -188,12 +205,24 @@ def _recorded_viewpoints(plan: Plan, recorded: RecordedViews, group: RayGroup) -
             yield Viewpoint(view.pose.t_w_c, (view,), group.pixels[mine], only, unsure=unsure[mine])
 
 
+def _serving_views(plan: Plan, views: tuple[View, ...], group: RayGroup) -> tuple[Ints, Array]:
+    """Return the view that serves each ray of a group best, -1 for none, and px from there to its edge."""
+    numbers = []
+    edges_px = []
+    for directions in group.blocks():
+        valid = directions[~np.isnan(directions[:, 0])]
+        number, edge_px = finest(views, valid @ plan.pose.R_w_c.T)
+        numbers.append(number)
+        edges_px.append(edge_px)
+    return np.concatenate(numbers), np.concatenate(edges_px)
+
+
 def strip_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
 
     Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
     sampled as finely as faces sample on average. Recordings may hold narrower views than engines take.
-    Arguments as :func:`face_viewpoints`.
+    The arguments ``plan``, ``groups`` and ``around`` are as of :func:`face_viewpoints`.
     """
     if not groups:
         return ()
@@ -222,7 +251,10 @@ def strip_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> t
 
 
 def _is_available(plan: Plan, viewpoints: tuple[Viewpoint, ...]) -> bool:
-    return plan.available([view for viewpoint in viewpoints for view in viewpoint.views])
+    views: list[View] = []
+    for viewpoint in viewpoints:
+        views += viewpoint.views
+    return plan.available(views)
 
 
 def _cheapest_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
@@ -242,11 +274,12 @@ def _viewpoints(
     views: Callable[[Array, RayGroup], tuple[View, ...]],
 ) -> tuple[Viewpoint, ...]:
     """Return a viewpoint for each group; ``views(center_w, group)`` are captured there."""
-    centers_w = [plan.pose.to_world(group.center_c) for group in groups]
-    return tuple(
-        Viewpoint(center_w, views(center_w, group), group.pixels, **_claims(plan, group, around))
-        for center_w, group in zip(centers_w, groups, strict=True)
-    )
+    viewpoints = []
+    for group in groups:
+        center_w = plan.pose.to_world(group.center_c)
+        claims = _claims(plan, group, around)
+        viewpoints.append(Viewpoint(center_w, views(center_w, group), group.pixels, **claims))
+    return tuple(viewpoints)
 
 
 def _claims(plan: Plan, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:

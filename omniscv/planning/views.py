@@ -88,6 +88,10 @@ class CubeFaces:
 
         Of a recording, faces of another size are taken where it lacks these, or all faces of a cube in
         another orientation.
+
+        Args:
+            center_w: (3,) the centre, metres.
+            hit: (6,) bool.
         """
         six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
         if self._plan.options.seams != "keep":
@@ -95,11 +99,17 @@ class CubeFaces:
         recorded = self._plan.recorded
         if recorded is not None:
             six = recorded.faces(center_w, six, self._plan.options.truth_scale)
-            axes = zip((view.pose.R_w_c[:, 2] for view in six), ROTATIONS, strict=True)
-            if any(axis @ R[:, 2] < _ALIGNED for axis, R in axes):
-                hit = ALL_FACES
-        covers = [self._plan.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
-        return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
+            for view, R_w_c in zip(six, ROTATIONS, strict=True):
+                if view.pose.R_w_c[:, 2] @ R_w_c[:, 2] < _ALIGNED:
+                    hit = ALL_FACES
+        faces: list[View] = []
+        beside: list[View] = []
+        for view, is_hit in zip(six, hit, strict=True):
+            if is_hit:
+                first, *others = self._plan.cover(view)
+                faces.append(first)
+                beside += others
+        return (*faces, *beside)
 
 
 def faces_hit(directions: Array, R_w_d: Array) -> Mask:
@@ -113,8 +123,8 @@ def faces_hit(directions: Array, R_w_d: Array) -> Mask:
     axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])
     axes_d = np.ascontiguousarray(axes_w @ R_w_d)
     along = axes_d @ directions[::_EVERY].T
-    some = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=0))
-    if some.any(axis=1).all():  # not by the kernel, which then need not be compiled
+    hit_by_sample = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=0))
+    if hit_by_sample.any(axis=1).all():
         return ALL_FACES
     hit = np.zeros(6, np.bool_)
     run(_faces_hit, (directions,), axes_d, hit)
@@ -142,8 +152,11 @@ def straight(rays_w: Sequence[Array], focal_px: float) -> bool:
         rays_w: for each viewpoint, (N, 3) unit directions.
         focal_px: px per radian.
     """
-    sample = _thinned(rays_w, _SAMPLED_VIEWPOINTS)
-    return all(np.abs(rays @ _circle(rays)[0]).max() * focal_px <= 0.5 for rays in sample)
+    for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS):
+        axis, _ = _circle(rays)
+        if np.abs(rays @ axis).max() * focal_px > 0.5:
+            return False
+    return True
 
 
 def strip_size(
@@ -162,12 +175,16 @@ def strip_size(
         capabilities: of the source: its smallest views, and whether they may be higher than wide.
         least_half: tangent of half the narrowest field of view.
     """
-    sample = [np.array(_thinned(rays, _SAMPLED_RAYS)) for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS)]
-    circles = [(rays, *_circle(rays)) for rays in sample]
+    circles = []
+    for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS):
+        sample = np.array(_thinned(rays, _SAMPLED_RAYS))
+        circles.append((sample, *_circle(sample)))
     best = (capabilities.min_size, capabilities.min_size)
     least = np.inf
     for count in range(1, _MOST_VIEWS + 1):
-        strips = [strip for circle in circles for strip in _shares(*circle, count)]
+        strips = []
+        for circle in circles:
+            strips += _shares(*circle, count)
         if len(strips) >= least:  # too many, whatever their size
             continue
         half = np.max([looking(*strip)[1] for strip in strips], axis=0)
@@ -195,23 +212,43 @@ def strip_views(
     fov_deg = pinhole.fov_deg(size[0], focal_px)
     circle = _circle(rays_w)
     for count in range(1, _MOST_VIEWS + 1):
-        strips = [looking(*strip) for strip in _shares(rays_w, *circle, count)]
-        if all((half <= limit + _ROUNDING).all() for _, half in strips):
-            return tuple(View(Pose(center_w, R_w_c), fov_deg, *size) for R_w_c, _ in strips)
+        views = []
+        fits = True
+        for strip in _shares(rays_w, *circle, count):
+            R_w_c, half = looking(*strip)
+            views.append(View(Pose(center_w, R_w_c), fov_deg, *size))
+            fits = fits and bool((half <= limit + _ROUNDING).all())
+        if fits:
+            return tuple(views)
     return None
 
 
 def holding_size(half: Array, focal_px: float, border_px: int, capabilities: Capabilities) -> Size:
-    """Return the least width and height around extents in tangents: even wide, odd high, so that a straight
-    strip of rays runs through the middle of a row of pixels."""
+    """Return the least width and height of a view: even wide, odd high, so that a straight strip of rays runs
+    through the middle of a row of pixels.
+
+    Args:
+        half: (2,) tangents from its axis to its sides.
+        focal_px: of the view.
+        border_px: how much wider it is on every side.
+        capabilities: of the source: its smallest views, and whether they may be higher than wide.
+    """
     width = 2 * int(np.ceil(focal_px * half[0] + border_px - _ROUNDING))
     height = 2 * int(np.ceil(focal_px * half[1] + border_px - 0.5 - _ROUNDING)) + 1
     height = max(height, capabilities.min_size)
-    return max(width, 1 if capabilities.can_set_tall else height, capabilities.min_size), height
+    least_width = 1 if capabilities.can_set_tall else height
+    return max(width, least_width, capabilities.min_size), height
 
 
 def holding_view(plan: Plan, pose: Pose, half: Array, focal_px: float) -> View | None:
-    """Return the least view around extents in tangents; None where a recording holds none."""
+    """Return the least view that holds rays; None where a recording holds none.
+
+    Args:
+        plan: the image.
+        pose: of the view, world frame.
+        half: (2,) tangents from its axis to its sides.
+        focal_px: of the view.
+    """
     # A recording may have been made of a source that captures no view higher than wide.
     for capabilities in (plan.capabilities, replace(plan.capabilities, can_set_tall=False)):
         size = holding_size(half, focal_px, plan.border(FACE_BORDER_PX), capabilities)
@@ -230,8 +267,12 @@ def _shares(rays: Array, axis: Array, azimuth: Array, count: int) -> list[tuple[
     """Return up to ``count`` arcs of the circle that rays lie on: rays, their mean, and the circle's axis."""
     span = azimuth.max() * (1 + 1e-12) + 1e-12
     share = np.minimum((azimuth / span * count).astype(int), count - 1)
-    arcs = [rays] if count == 1 else [rays[share == k] for k in range(count)]
-    return [(arc, arc.mean(axis=0), axis) for arc in arcs if len(arc)]
+    shares = []
+    for k in range(count):
+        arc = rays if count == 1 else rays[share == k]
+        if len(arc):
+            shares.append((arc, arc.mean(axis=0), axis))
+    return shares
 
 
 def _circle(rays: Array) -> tuple[Array, Array]:
