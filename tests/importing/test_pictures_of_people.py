@@ -124,6 +124,16 @@ def written(name, **kw):
     return lambda folder: (exr(folder / name, **kw), name)[1]
 
 
+def doubles(folder):
+    """A TIFF of depth in numbers of 64 bits."""
+    spec = OpenImageIO.ImageSpec(16, 8, 1, "double")
+    output = OpenImageIO.ImageOutput.create(str(folder / "d.tif"))
+    assert output.open(str(folder / "d.tif"), spec)
+    assert output.write_image(np.full((8, 16, 1), 2.003, np.float64))
+    output.close()
+    return "d.tif"
+
+
 def progressive(scans, more=0):
     """A progressive JPEG of its first scans, and some bytes of the next one, with an end marker."""
 
@@ -198,6 +208,7 @@ TAKEN = [
     ("depth", written("m.exr", channels=LAYERS), None, np.full((8, 16), 3.0)),
     ("depth", saved("d.png", DEPTH16), MM, np.full((8, 16), 2003 / np.float32(1000))),
     ("depth", saved("d.png", DEPTH16), DepthForm.parse("ray-1/512", (2003,)), np.full((8, 16), np.inf)),
+    ("depth", doubles, None, np.full((8, 16), 2.003)),
     ("depth", array(np.array([FAR, FAR[::-1]])), None, np.where(np.array([FAR, FAR[::-1]]) == 2, 2, np.inf)),
     ("depth", array(np.array([FAR[:6]], "f2")), None, np.where(np.array([FAR[:6]]) == 2, 2, np.inf)),
     ("depth", array(np.full((2, 2), 70000.0)), MM, np.full((2, 2), 70)),

@@ -15,6 +15,7 @@ from support.datasets import job_file, made, tree
 import omniscv
 from omniscv import dataset
 from omniscv.dataset.beginning import SCRATCH
+from omniscv.dataset.manifest import FRAMES
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
 from omniscv.job import load
@@ -153,6 +154,24 @@ def test_two_makers_of_one_part(tmp_path):
     finish(job, 1)
     assert tree(job.out) == tree(tmp_path / "single")
     assert dataset.check(job.out, deep=True) == []
+
+
+def test_files_that_a_killed_writer_had_moved_are_its_own_and_those_of_others_are_not(tmp_path):
+    """A frame's files are moved before its ``KEY.json``: if that is left behind, it lists them."""
+    out = (job := load(job_file(tmp_path))).out
+    make(job)
+    before = tree(out)
+    last = next(path for path in sorted(out.glob("*.json")) if path.name.startswith("pano"))
+    record = last.read_bytes()
+    for name in (FRAMES, last.name):
+        (out / name).unlink()
+    with pytest.raises(ArgumentError, match=rf"{last.stem}\.\w+\.\w+"):
+        make(job, existing="resume")
+    scratch = out / ".omniscv-0123456789abcdef"
+    scratch.mkdir()
+    (scratch / last.name).write_bytes(record)
+    make(job, existing="resume")
+    assert tree(out) == before
 
 
 def test_finishing_removes_what_killed_writers_left_and_nothing_else(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 import mock_server
 from mock_server import faults
 from mock_server.__main__ import main
+from mock_server.flaws import distorted
 
 IMAGE = "vget /camera/0/lit png"
 DEPTH = "vget /camera/0/depth npy"
@@ -73,6 +74,19 @@ def test_what_is_drawn_into_pictures_begins_with_the_server(start):
 VIEWMODE = b"7:vget /viewmode"
 LIT = b"7:lit"
 MAGIC = b"\xc1\x83\x2b\x9e"
+
+
+def test_a_distorted_picture_shows_what_its_radius_says():
+    """A picture of its own coordinates: a tenth further out in the corners, in the middle as before."""
+    height, width = 60, 80
+    v, u = np.mgrid[:height, :width].astype(np.float32) + 0.5
+    shown_u, shown_v = np.moveaxis(distorted(np.dstack([u, v]), 0.1), -1, 0)
+    x = 2 * u / width - 1
+    y = 2 * v / height - 1
+    longer = 1 + 0.05 * (x**2 + y**2)
+    for shown, at, size in ((shown_u, x, width), (shown_v, y, height)):
+        expected = np.clip((at * longer + 1) * size / 2, 0.5, size - 0.5)
+        assert np.abs(shown - expected).max() <= 0.501, "the nearest pixel"
 
 
 def test_bytes_of_a_reply(faulty):
