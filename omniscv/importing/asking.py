@@ -18,7 +18,15 @@ _LARGE = 1 << 21  # pixels
 
 
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
-    """Return a sequence as its pictures say it is read, and a line; ArgumentError for a contradiction."""
+    """Return a sequence as its pictures say it is read, and a line.
+
+    Args:
+        sequence: as it was read.
+        trust_words: take it as said, whatever pictures show.
+
+    Raises:
+        ArgumentError: pictures contradict what is said.
+    """
     verdict = verdict_on(sequence)
     if sequence.refused and not (verdict and verdict.contradicts):
         raise ArgumentError(sequence.refused)
@@ -32,7 +40,8 @@ def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, .
         return sequence, (verdict.line(),)
     if trust_words and not sequence.refused:
         return sequence, (f"{verdict.line()}; taken as said",)
-    if verdict.words.asks and (right := put_right(sequence, verdict)) is not None:
+    right = put_right(sequence, verdict) if verdict.words.asks else None
+    if right is not None:
         return right, (f"{verdict.line()}; taken as pictures show",)
     expected = f"expected pictures that overlap as said, {verdict.described(verdict.words.convention)}"
     words = f"write {verdict.advice(sequence.layout)}; or --trust-words takes them as said"
@@ -52,7 +61,8 @@ def verdict_on(sequence: Sequence) -> Verdict | None:
 
 def words_of(sequence: Sequence) -> Words | None:
     """Return what is said of the poses and the depth of a sequence; None where there is no depth."""
-    if not (frames := ordered(sequence)):
+    frames = ordered(sequence)
+    if not frames:
         return None
     form = sequence.form(frames[0])
     return replace(sequence.words, along=form.ray, per_m=form.per_m or 1.0)
@@ -64,19 +74,27 @@ def ordered(sequence: Sequence) -> list[Frame]:
     def key(frame: Frame) -> list[str]:
         return [word.zfill(20) for word in re.split(r"(\d+)", str(frame.files["depth"]))]
 
-    return sorted((frame for frame in sequence.frames if "depth" in frame.files), key=key)
+    frames = [frame for frame in sequence.frames if "depth" in frame.files]
+    return sorted(frames, key=key)
 
 
 def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures | None:
-    """Return pictures of pairs of frames, without those that cannot be read: the import says so."""
+    """Return pictures of pairs of frames, without those that cannot be read: the import says so.
+
+    Args:
+        sequence: of the frames.
+        pairs: so many at most.
+        width: of the pictures, px, at most.
+    """
     frames = ordered(sequence)
-    pixels = list[int]()
+    pixel_counts: list[int] = []
 
     def shot(i: int, most: int) -> Shot | None:
+        """Return the picture of the frame ``i``, of at most ``most`` px width; None if it cannot be read."""
         frame = frames[i]
         with suppress(OmniscvError):
             depth = sequence.picture(frame, "depth").pixels
-            pixels.append(depth.size)
+            pixel_counts.append(depth.size)
             lit = sequence.picture(frame, "lit").pixels if "lit" in frame.files else None
             lens = frame.lens.scaled(*depth.shape[1::-1]) if frame.lens else None
             if lens is not None and lens.is_bent:
@@ -87,26 +105,33 @@ def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures |
             return Shot.of(depth, lit, lens, most)
         return None
 
-    first = next((read for i in range(len(frames)) if (read := shot(i, width))), None)
+    first = None
+    for i in range(len(frames)):
+        first = shot(i, width)
+        if first:
+            break
     if first is None:
         return None
     fov_deg = 360.0 if first.lens is None else pinhole.fov_deg(first.depth.shape[1], first.lens[0])
-    pairs = pairs if max(pixels) <= _LARGE else pairs // 3  # they take longer to read
+    if max(pixel_counts) > _LARGE:
+        pairs = pairs // 3  # they take longer to read
     return PosedPictures.read(*poses_of(frames), shot, np.radians(fov_deg), pairs, width)
 
 
 def poses_of(frames: list[Frame]) -> tuple[Array, Array]:
     """Return the rotations and positions of frames."""
-    poses = [frame.pose for frame in frames]
-    return np.stack([pose.R_w_c for pose in poses]), np.stack([pose.position for pose in poses])
+    R = np.stack([frame.pose.R_w_c for frame in frames])
+    t = np.stack([frame.pose.position for frame in frames])
+    return R, t
 
 
 def put_right(sequence: Sequence, verdict: Verdict) -> Sequence | None:
-    """Return a sequence by another convention than its words; None where poses belong to other frames."""
+    """Return a ``sequence`` by the convention of a ``verdict``; None where poses belong to other frames."""
     assert verdict.best is not None
     convention = verdict.best.convention
     metres, per_m = verdict.units(convention)
-    packed = any(frame.holds["depth"].form.encoding for frame in sequence.frames if "depth" in frame.holds)
+    forms = [frame.holds["depth"].form for frame in sequence.frames if "depth" in frame.holds]
+    packed = any(form.encoding for form in forms)
     if convention.shift or convention.quaternion or packed or sequence.options.depth:
         return None
     file = verdict.words.written(*poses_of(sequence.frames))

@@ -1,6 +1,6 @@
 """Ask pictures with depth for the convention of their poses: which one makes them overlap."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import NamedTuple
@@ -18,18 +18,17 @@ WIDTH = 640
 """Pairs of frames that are asked, and px of their width, at most."""
 
 _RATIOS = (1, 100, 0.01, 1000, 0.001, 10, 0.1, 5, 0.2, 1000 / 256, 0.256, 0.3048, 1 / 0.3048, 2, 0.5)
-# frames
-_SHIFTS = (-3, -2, -1, 1, 2, 3)
-_LEAST_SHIFTED = 9
-# points of a pair, and tolerances of log depth
+_SHIFTS = (-3, -2, -1, 1, 2, 3)  # frames by which poses are tried early or late
+_LEAST_SHIFTED = 9  # frames, for that
+# Points of a pair and tolerance of log depth, of each look at hypotheses:
 _SKIM = (60, 0.1)
 _LOOK = (140, 0.07)
 _READ = ((900, 0.03), (900, 0.015), (900, 0.008))
-# hypotheses
-_SKIMMED = 600
-_KEPT = 70
-_SHIFTED = 6
-_FINAL = 60
+# Hypotheses that are kept:
+_SKIMMED = 600  # after the first look
+_KEPT = 70  # after the second
+_SHIFTED = 6  # for which shifts are tried
+_FINAL = 60  # for finer tolerances
 _BEARS = 0.8  # of its agreement, which the best keeps at a finer tolerance
 _SPREAD = 0.03  # of agreements of pairs, at least
 _TIED = 0.01
@@ -80,17 +79,29 @@ class Convention(NamedTuple):
         return np.reshape(self.axes, (3, 3))
 
     def poses(self, R: Array, t: Array) -> tuple[Array, Array]:
-        """Return rotations and positions of cameras by a file's numbers, in the unit of depth."""
+        """Return rotations and positions of cameras by a file's numbers, in the unit of depth.
+
+        Args:
+            R: (N, 3, 3) rotations as the file has them.
+            t: (N, 3) translations, likewise.
+        """
         if self.quaternion:
             from scipy.spatial.transform import Rotation  # slow to load
 
             numbers = Rotation.from_matrix(R).as_quat()[:, list(_QUATERNIONS[self.quaternion])]
             R = np.asarray(Rotation.from_quat(numbers).as_matrix())
-        at = np.clip(np.arange(len(R)) + self.shift, 0, len(R) - 1)
-        R = (R.swapaxes(1, 2) if self.transposed else R)[at]
-        t = t[at]
-        R, t = inverted(R, t) if self.inverse else (R, t)
+        if self.transposed:
+            R = R.swapaxes(1, 2)
+        frames = np.clip(np.arange(len(R)) + self.shift, 0, len(R) - 1)
+        R = R[frames]
+        t = t[frames]
+        if self.inverse:
+            R, t = inverted(R, t)
         return R @ self.C, t / self.ratio
+
+    def count_differences(self, other: "Convention") -> int:
+        """Return in how many fields it differs from another one."""
+        return sum(own != others for own, others in zip(self, other, strict=True))
 
 
 @dataclass(frozen=True)
@@ -112,7 +123,10 @@ class Words:
         return Convention(self.inverse, axes=_key(axes_of(self.axes)[1]), along=self.along)
 
     def written(self, R_w_c: Array, t_w_c: Array) -> tuple[Array, Array]:
-        """Return the rotations and translations that the file has, of poses that were read by the words."""
+        """Return the rotations and translations that the file has, of poses that were read by the words.
+
+        These are rotations ``R_w_c`` (N, 3, 3) and positions ``t_w_c`` (N, 3).
+        """
         W, C = axes_of(self.axes)
         R = W.T @ R_w_c @ C.T
         t = t_w_c @ W
@@ -152,32 +166,38 @@ class Verdict:
         """Return the verdict in one line."""
         if self.why or self.best is None or self.said is None:
             return f"pictures cannot tell their convention: {self.why}; taken as said"
-        is_said = self.best is self.said
-        values = zip(self.best.convention, *self.tied, strict=True)
-        open_ = dict.fromkeys(name for name, of in zip(_OPEN, values, strict=True) if len({*of}) > 1)
-        parts = [
-            f"{'as said, ' * is_said}{self.described(self.best.convention)}: agreement {self.best.mean:.2f}",
-            "" if is_said else f"as said {self.said.mean:.2f}",
-            f"next best {self.following.mean:.2f}" if self.following else "",
-            f"cannot tell {', '.join(open_)}" if open_ else "",
-        ]
-        return f"pictures: {'; '.join(filter(None, parts))}"
+        agreement = f"{self.described(self.best.convention)}: agreement {self.best.mean:.2f}"
+        if self.best is self.said:
+            parts = [f"as said, {agreement}"]
+        else:
+            parts = [agreement, f"as said {self.said.mean:.2f}"]
+        if self.following:
+            parts.append(f"next best {self.following.mean:.2f}")
+        unknown: dict[str, None] = {}  # each once, in the order of a convention's fields
+        for name, *values in zip(_OPEN, self.best.convention, *self.tied, strict=True):
+            if len(set(values)) > 1:
+                unknown[name] = None
+        if unknown:
+            parts.append(f"cannot tell {', '.join(unknown)}")
+        return f"pictures: {'; '.join(parts)}"
 
     def described(self, convention: Convention) -> str:
         """Return a convention in words."""
         metres, per_m = self.units(convention)
-        late = "early" if convention.shift > 0 else "late"
-        parts = {
-            "world-to-camera" if convention.inverse else "camera-to-world": True,
-            "rotations transposed": convention.transposed,
-            f"quaternions {convention.quaternion}": convention.quaternion,
-            f"axes {frame_of_axes(convention.C)}": True,
-            f"positions in {_unit(metres)}": metres != 1,
-            f"{'depth along the ray' if convention.along else 'planar depth'}"
-            f"{f' of 1/{per_m:g} m' if per_m != 1 else ''}": True,
-            f"poses {abs(convention.shift)} frames {late}": convention.shift,
-        }
-        return ", ".join(part for part, due in parts.items() if due)
+        parts = ["world-to-camera" if convention.inverse else "camera-to-world"]
+        if convention.transposed:
+            parts.append("rotations transposed")
+        if convention.quaternion:
+            parts.append(f"quaternions {convention.quaternion}")
+        parts.append(f"axes {frame_of_axes(convention.C)}")
+        if metres != 1:
+            parts.append(f"positions in {_unit(metres)}")
+        kind = "depth along the ray" if convention.along else "planar depth"
+        parts.append(kind if per_m == 1 else f"{kind} of 1/{per_m:g} m")
+        if convention.shift:
+            late = "early" if convention.shift > 0 else "late"
+            parts.append(f"poses {abs(convention.shift)} frames {late}")
+        return ", ".join(parts)
 
     def units(self, convention: Convention) -> tuple[float, float]:
         """Return metres of one of positions as read, and whole numbers of depth in a metre.
@@ -187,7 +207,7 @@ class Verdict:
         per_m = self.words.per_m / convention.ratio
         depth_m = self.median * convention.ratio
         is_depth = self.words.per_m != 1 or not _PLAUSIBLE[0] < self.median < _PLAUSIBLE[1]
-        known = any(abs(per_m / one - 1) < 0.01 for one in _COMMON)
+        known = any(abs(per_m / common - 1) < 0.01 for common in _COMMON)
         if is_depth and known and _PLAUSIBLE[0] < depth_m < _PLAUSIBLE[1]:
             return self.words.metres, per_m
         return self.words.metres / convention.ratio, self.words.per_m
@@ -196,40 +216,62 @@ class Verdict:
         """Return the words to write in place of those that pictures contradict, in a layout."""
         assert self.best is not None
         right = self.best.convention
-        said = self.words.convention
-        by = _BY.get(layout, "layout")
-        metres, per_m = self.units(right)
-        axes = frame_of_axes(right.C)
-        order = "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
+        _, per_m = self.units(right)
         turned = self._turned_pictures(layout)
-        keys = {"axes": axes} if right.axes != said.axes and (by == "layout" or not turned) else {}
-        keys |= {"inverse": str(right.inverse).lower()} if right.inverse != said.inverse else {}
-        keys |= {"unit": _unit(metres).removesuffix(" m")} if metres != self.words.metres else {}
-        if "inverse" in keys or keys.get("axes", "ned") not in FRAMES:
-            by = by.replace("options", "format")  # which have no words for it
-        direction = "world-to-camera" if said.inverse else "camera-to-world"
-        listed = ", ".join(f"{key}: {value}" for key, value in keys.items())
-        options = [f"--{key.replace('axes', 'frame')} {value}" for key, value in keys.items()]
-        unit = {1.0: "m", 1000.0: "mm"}.get(per_m, f"1/{per_m:g}")
-        words = {
-            f"names of the columns, x y z {order}, above the poses": right.quaternion,
-            "poses with their rotations transposed": right.transposed,
-            f"each pose at the picture {abs(right.shift)} frames "
-            f"{'later' if right.shift > 0 else 'earlier'}": right.shift,
-            turned: turned and by != "layout",
-            f"poses: {{{listed}}} in a layout{f', or {turned}' if turned else ''}": keys and by == "layout",
-            " and ".join(options): keys and by == "options",
-            f"poses converted to {direction}, axes {self.words.axes}, and metres": keys and by == "format",
-            f"--depth {'ray' if right.along else 'planar'}-{unit}": (right.along, per_m)
-            != (said.along, self.words.per_m),
-        }
-        return " and ".join(word for word, due in words.items() if due)
+        is_layout = _BY.get(layout, "layout") == "layout"
+        keys = self._changed_keys(with_axes=is_layout or not turned)
+        words = []
+        if right.quaternion:
+            order = "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
+            words.append(f"names of the columns, x y z {order}, above the poses")
+        if right.transposed:
+            words.append("poses with their rotations transposed")
+        if right.shift:
+            later = "later" if right.shift > 0 else "earlier"
+            words.append(f"each pose at the picture {abs(right.shift)} frames {later}")
+        if turned and not is_layout:
+            words.append(turned)
+        if keys and is_layout:
+            listed = ", ".join(f"{key}: {keys[key]}" for key in keys)
+            words.append(f"poses: {{{listed}}} in a layout" + (f", or {turned}" if turned else ""))
+        elif keys:
+            words.append(self._change_of_poses(layout, keys))
+        if (right.along, per_m) != (self.words.along, self.words.per_m):
+            unit = {1.0: "m", 1000.0: "mm"}.get(per_m, f"1/{per_m:g}")
+            words.append(f"--depth {'ray' if right.along else 'planar'}-{unit}")
+        return " and ".join(words)
+
+    def _changed_keys(self, with_axes: bool) -> dict[str, str]:
+        """Return the keys of poses, as a layout has them, that pictures contradict, and what is right."""
+        assert self.best is not None
+        right = self.best.convention
+        said = self.words.convention
+        metres, _ = self.units(right)
+        keys = {}
+        if with_axes and right.axes != said.axes:
+            keys["axes"] = frame_of_axes(right.C)
+        if right.inverse != said.inverse:
+            keys["inverse"] = str(right.inverse).lower()
+        if metres != self.words.metres:
+            keys["unit"] = _unit(metres).removesuffix(" m")
+        return keys
+
+    def _change_of_poses(self, layout: str, keys: Mapping[str, str]) -> str:
+        """Return the options to write for some keys; what to do with the file where there are none."""
+        has_options = "inverse" not in keys and keys.get("axes", "ned") in FRAMES
+        if _BY[layout] == "options" and has_options:
+            return " and ".join(f"--{key.replace('axes', 'frame')} {keys[key]}" for key in keys)
+        direction = "world-to-camera" if self.words.inverse else "camera-to-world"
+        return f"poses converted to {direction}, axes {self.words.axes}, and metres"
 
     def _turned_pictures(self, layout: str) -> str:
         """Return what to do where poses are as said, but pictures are mirrored or upside down; else empty."""
         assert self.best is not None
         change = self.words.convention.C.T @ self.best.convention.C
-        how = next((how for how, flip in _FLIPPED.items() if np.array_equal(change, np.diag(flip))), "")
+        how = ""
+        for words, flip in _FLIPPED.items():
+            if np.array_equal(change, np.diag(flip)):
+                how = words
         if not how:
             return ""
         if self.best.mean < _OF_DEPTH_ALONE * self.best.of_depth:
@@ -239,24 +281,28 @@ class Verdict:
 
 
 def inverted(R: Array, t: Array) -> tuple[Array, Array]:
-    """Return the inverses of poses."""
+    """Return the inverses of poses: of rotations ``R`` (N, 3, 3) and translations ``t`` (N, 3)."""
     return R.swapaxes(1, 2), -np.einsum("nji,nj->ni", R, t)
 
 
 def _unit(metres: float) -> str:
-    return next((word for one, word in _METRES.items() if abs(metres / one - 1) < 1e-6), f"{metres:.6g} m")
+    for unit, word in _METRES.items():
+        if abs(metres / unit - 1) < 1e-6:
+            return word
+    return f"{metres:.6g} m"
 
 
 def _key(C: Array) -> tuple[float, ...]:
     return tuple((np.asarray(C).ravel() + 0.0).tolist())
 
 
-_AXES = tuple(
-    _key(np.eye(3)[list(order)] * signs)
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
-)
-"""The 48 signed axes."""
+def _signed_axes() -> Iterator[tuple[float, ...]]:
+    """Yield all 48 axes that are those of the world in another order, with signs."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        yield _key(np.eye(3)[list(order)] * signs)
+
+
+_AXES = tuple(_signed_axes())
 
 
 class _Search:
@@ -266,20 +312,30 @@ class _Search:
         self.pictures = pictures
         self.words = words
         self._file = words.written(pictures.R, pictures.t)
-        self._motions = dict[Convention, tuple[Array, Array]]()
-        self._scores = dict[tuple[int, float], dict[Convention, Score]]()
+        self._motions: dict[Convention, tuple[Array, Array]] = {}
+        self._scores: dict[tuple[int, float], dict[Convention, Score]] = {}
 
     def ranked(self, conventions: Iterable[Convention], points: int, tolerance: float) -> list[Score]:
-        """Return the scores of hypotheses, the best first, by so many points of each pair."""
-        scores = self._scores.setdefault((points, tolerance), {})
-        for each in (asked := dict.fromkeys(conventions)):
-            if each not in scores:
-                scores[each] = self._score(each, points, tolerance)
-        return sorted((scores[each] for each in asked), key=lambda score: -score.mean)
+        """Return the scores of hypotheses, the best first.
+
+        Args:
+            conventions: the hypotheses.
+            points: of each pair that are compared.
+            tolerance: of log depth.
+        """
+        known = self._scores.setdefault((points, tolerance), {})
+        scores = []
+        for convention in dict.fromkeys(conventions):
+            if convention not in known:
+                known[convention] = self._score(convention, points, tolerance)
+            scores.append(known[convention])
+        return sorted(scores, key=lambda score: -score.mean)
 
     def turned_colors(self, convention: Convention) -> str:
-        """Return how to put colours right that agree from picture to picture only if they are turned about
-        their middle; empty where they agree as they are, or do not tell."""
+        """Return how to put colours right that are turned about their middle.
+
+        They agree from picture to picture only then. Empty where they agree as they are, or do not tell.
+        """
         if self.pictures.grey is None:
             return ""
         motion = self._motion(convention)
@@ -305,7 +361,7 @@ class _Search:
 
     def _score(self, convention: Convention, points: int, tolerance: float) -> Score:
         pictures = self.pictures
-        how = points, tolerance, convention.along
+        how = (points, tolerance, convention.along)
         depth, grey = pictures.agreements(*self._motion(convention), how).T
         pairs = depth if pictures.grey is None else (depth + np.maximum(grey, 0)) / 2
         return Score(convention, pairs, float(pairs.mean()), float(depth.mean()))
@@ -314,57 +370,94 @@ class _Search:
         """Yield all, but for kinds of depth and shifts."""
         said = self.words.convention
         per_m = self.words.per_m
-        known = [per_m / one for one in _COMMON if per_m in _COMMON and one > 1 != per_m]
-        ratios = dict.fromkeys(float(ratio) for ratio in (*_RATIOS, *known))
+        ratios = list(map(float, _RATIOS))
+        if per_m in _COMMON and per_m != 1:
+            ratios += [per_m / common for common in _COMMON if common > 1]
+        ratios = list(dict.fromkeys(ratios))
         if self.words.fixed:
-            yield from (said._replace(ratio=ratio) for ratio in ratios)
+            for ratio in ratios:
+                yield said._replace(ratio=ratio)
             return
         orders = [*_QUATERNIONS] if self.words.quaternions else [""]
         both = (False, True)
         for order, inverse, transposed, C, ratio in product(orders, both, both, _AXES, ratios):
             yield Convention(inverse, transposed, C, ratio, said.along, order)
 
+    def likely(self) -> list[Convention]:
+        """Return the hypotheses that bear a second look, of both kinds of depth, and the words themselves."""
+        skimmed = _conventions(self.ranked(self.hypotheses(), *_SKIM)[:_SKIMMED])
+        kept = _conventions(self.ranked(self._of_both_kinds(skimmed), *_LOOK)[:_KEPT])
+        return kept + self._of_both_kinds([self.words.convention])
+
+    def _of_both_kinds(self, conventions: Iterable[Convention]) -> list[Convention]:
+        """Return hypotheses with depth along the ray, and planar, which panoramas have not."""
+        kinds = (True,) if self.pictures.panorama else (False, True)
+        both = []
+        for convention, along in product(conventions, kinds):
+            both.append(convention._replace(along=along))
+        return both
+
+    def shifted(self, scores: list[Score]) -> list[Convention]:
+        """Return hypotheses by which poses come some frames early or late, and depth agrees better.
+
+        Where depth does not agree better, colours are late, and not poses.
+        """
+        best = [self.words.convention, *_conventions(scores[:_SHIFTED])]
+        trials = []
+        for convention, frames in product(best, _SHIFTS):
+            trials.append(convention._replace(shift=frames))
+        unshifted = {score.convention: score.of_depth for score in scores}
+        better = []
+        for score in self.ranked(trials, *_READ[0]):
+            if score.of_depth > unshifted[score.convention._replace(shift=0)]:
+                better.append(score.convention)
+        return better
+
+    def refined(self, scores: list[Score]) -> list[Score]:
+        """Return the scores of the best hypotheses by the finest tolerance that the best one bears."""
+        first = scores[0]
+        kept = [*_conventions(scores[:_FINAL]), self.words.convention]
+        for finer in _READ[1:]:
+            if self.ranked([scores[0].convention], *finer)[0].mean < _BEARS * first.mean:
+                break
+            scores = self.ranked(kept, *finer)
+        return scores
+
+
+def _conventions(scores: Iterable[Score]) -> list[Convention]:
+    return [score.convention for score in scores]
+
 
 def ask(pictures: PosedPictures, words: Words) -> Verdict:
-    """Return which convention pictures support, whose poses were read by the words."""
-    search = _Search(pictures, words)
-    said = words.convention
+    """Return which convention ``pictures`` support, whose poses were read by the ``words``."""
     surfaces = pictures.depth[pictures.depth > 0]
     if not len(surfaces):
         return Verdict(words, why="depth shows no surface")
-
-    def of_both_kinds(conventions: Iterable[Convention]) -> list[Convention]:
-        kinds = (True,) if pictures.panorama else (False, True)
-        return [each._replace(along=along) for each in conventions for along in kinds]
-
-    kept = [score.convention for score in search.ranked(search.hypotheses(), *_SKIM)[:_SKIMMED]]
-    kept = [score.convention for score in search.ranked(of_both_kinds(kept), *_LOOK)[:_KEPT]]
-    kept += of_both_kinds([said])
+    search = _Search(pictures, words)
+    kept = search.likely()
     scores = search.ranked(kept, *_READ[0])
     if len(pictures.R) >= _LEAST_SHIFTED:
-        likely = [said, *(score.convention for score in scores[:_SHIFTED])]
-        unshifted = {score.convention: score.of_depth for score in scores}
-        shifted = search.ranked([each._replace(shift=by) for each in likely for by in _SHIFTS], *_READ[0])
-        # Where depth does not agree better, colours are late, and not poses.
-        before = [unshifted[score.convention._replace(shift=0)] for score in shifted]
-        pairs = zip(shifted, before, strict=True)
-        kept += [score.convention for score, of_depth in pairs if score.of_depth > of_depth]
-        scores = search.ranked(kept, *_READ[0])
-    first = scores[0]
-    kept = [*(score.convention for score in scores[:_FINAL]), said]
-    for finer in _READ[1:]:
-        if search.ranked([scores[0].convention], *finer)[0].mean < _BEARS * first.mean:
-            break
-        scores = search.ranked(kept, *finer)
+        scores = search.ranked(kept + search.shifted(scores), *_READ[0])
+    scores = search.refined(scores)
     best = scores[0]
-    tied = [score for score in scores if _are_tied(best, score)]
-    nearest = min(tied, key=lambda score: sum(a != b for a, b in zip(score.convention, said, strict=True)))
-    of_words = next(score for score in scores if score.convention == said)
-    following = next((score for score in scores if not _are_tied(best, score)), None)
-    others = tuple(score.convention for score in tied if score is not nearest)
-    why = f"they agree by {best.mean:.2f} at best" if best.mean < LEAST else ""
-    colors = search.turned_colors(nearest.convention)
-    return Verdict(words, nearest, of_words, following, others, float(np.median(surfaces)), why, colors)
+    tied = []
+    others = []
+    for score in scores:
+        if _are_tied(best, score):
+            tied.append(score)
+        else:
+            others.append(score)
+    nearest = min(tied, key=lambda score: score.convention.count_differences(words.convention))
+    return Verdict(
+        words,
+        best=nearest,
+        said=next(score for score in scores if score.convention == words.convention),
+        following=others[0] if others else None,
+        tied=tuple(score.convention for score in tied if score is not nearest),
+        median=float(np.median(surfaces)),
+        why=f"they agree by {best.mean:.2f} at best" if best.mean < LEAST else "",
+        colors=search.turned_colors(nearest.convention),
+    )
 
 
 def _are_tied(best: Score, other: Score) -> bool:
