@@ -21,7 +21,7 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2
 _SHORT.maxstring = 80
 _SHORT.maxother = 80
-_LONGEST_SHOWN = 120
+_LONGEST_SHOWN = 120  # characters
 _LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
 _LONGEST_LABEL = 200  # characters
 _NOT_PORTABLE = frozenset('<>:"/\\|?*')
@@ -51,7 +51,13 @@ def shown(value: object) -> str:
 
 
 def wrong(name: str, wanted: str, value: object) -> ArgumentError:
-    """Return the error ``NAME: expected WANTED, got VALUE``."""
+    """Return the error ``NAME: expected WANTED, got VALUE``.
+
+    Args:
+        name: of the argument.
+        wanted: what was expected, in words.
+        value: what came.
+    """
     return ArgumentError(f"{name}: expected {wanted}{';' if ',' in wanted else ','} got {shown(value)}")
 
 
@@ -66,26 +72,38 @@ def number(
 ) -> float:
     """Return a number, or the text of one, as a finite float within its limits, or raise ArgumentError.
 
-    ``above`` and ``below`` exclude the limit. A bool is not a number.
+    Args:
+        name: of the argument, for messages.
+        value: that is checked; a bool is not a number.
+        above: it is more than this.
+        least: it is this or more.
+        below: it is less than this.
+        most: it is this or less.
     """
     result = _as_float(value)
     if not (math.isfinite(result) and above < result < below and least <= result <= most):
-        bounds = ((">", above), (">=", least), ("<", below), ("<=", most))
-        limits = " and ".join(f"{sign} {bound:.15g}" for sign, bound in bounds if math.isfinite(bound))
-        wanted = f"a finite number {limits}".rstrip()
+        limits = []
+        for sign, bound in ((">", above), (">=", least), ("<", below), ("<=", most)):
+            if math.isfinite(bound):
+                limits.append(f"{sign} {bound:.15g}")
+        wanted = f"a finite number {' and '.join(limits)}".rstrip()
         raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
     return result + 0.0  # -0.0 becomes 0.0: equal numbers have equal texts
 
 
 def optional_number(name: str, value: object, **limits: float) -> float | None:
-    """Return None for None, and else what :func:`number` returns."""
+    """Return None where ``value`` is None, and else what :func:`number` returns of it, ``name`` and
+    ``limits``."""
     return None if value is None else number(name, value, **limits)
 
 
 def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np.float64]:
-    """Return finite numbers of a shape as a read-only float64 copy; ArgumentError for anything else.
+    """Return finite numbers as a read-only float64 copy; ArgumentError for anything else.
 
-    None in the shape is any size >= 1.
+    Args:
+        name: of the argument, for messages.
+        value: a nested sequence of numbers or their texts, or an array.
+        shape: that it has; None is any size >= 1.
     """
     if _fits(value, shape):  # without a loop over its numbers
         array = np.ascontiguousarray(value) + 0.0
@@ -94,7 +112,9 @@ def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np
     leaves = _leaves(value, tuple(shape))
     sizes = _sizes(value, shape) if all(map(math.isfinite, leaves)) else []
     if not sizes or math.prod(sizes) != len(leaves):  # also rows of different lengths
-        count = "" if shape == (None,) else f"{shape[0]} " if len(shape) == 1 else f"{tuple(shape)} "
+        count = f"{shape[0]} " if len(shape) == 1 else f"{tuple(shape)} "
+        if shape == (None,):
+            count = ""
         raise ArgumentError(f"{name}: expected {count}finite numbers, got {shown(value)}")
     array = np.array(leaves).reshape(sizes) + 0.0
     array.flags.writeable = False
@@ -102,7 +122,15 @@ def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np
 
 
 def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, most: int | None = None) -> int:
-    """Return a whole number of ``unit`` as an int within its limits, or raise ArgumentError."""
+    """Return a whole number as an int within its limits, or raise ArgumentError.
+
+    Args:
+        name: of the argument, for messages.
+        value: that is checked; a bool or a float is not a whole number.
+        unit: of the number, in the plural, for messages.
+        least: it is this or more.
+        most: it is this or less; None: any.
+    """
     wanted = f"{name}: expected a whole number{unit and ' of '}{unit}"
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ArgumentError(f"{wanted} >= {least}, got {shown(value)}")
@@ -112,7 +140,7 @@ def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, mo
 
 
 def one_of(name: str, value: object, words: Iterable[str]) -> Any:
-    """Return one of a few words, or raise ArgumentError."""
+    """Return ``value``, one of a few ``words``, or raise ArgumentError with ``name``."""
     known = list(words)
     if not isinstance(value, str) or value not in known:
         hint = did_you_mean(value, known)
@@ -134,43 +162,47 @@ def did_you_mean(value: object, known: Iterable[object]) -> str:
     if not isinstance(value, str) or not value:
         return ""
     words = [word for word in known if isinstance(word, str)]
-    near = [word for word in words if word == _RENAMED.get(value) or word.startswith(value)]
-    near = near or get_close_matches(value, words, n=1, cutoff=_LEAST_LIKENESS)
-    return f"; did you mean {near[0]}?" if near else ""
+    for word in words:
+        if word == _RENAMED.get(value) or word.startswith(value):
+            return f"; did you mean {word}?"
+    for word in get_close_matches(value, words, n=1, cutoff=_LEAST_LIKENESS):
+        return f"; did you mean {word}?"
+    return ""
 
 
 def flag(name: str, value: object) -> bool:
-    """Return True or False, or raise ArgumentError."""
+    """Return ``value``, True or False, or raise ArgumentError with ``name``."""
     if not isinstance(value, bool):
         raise ArgumentError(f"{name}: expected true or false, got {shown(value)}")
     return value
 
 
 def text(name: str, value: object) -> str:
-    """Return a text that is not empty and has no NUL, or raise ArgumentError."""
+    """Return ``value``, a text that is not empty and has no NUL, or raise ArgumentError with ``name``."""
     if not isinstance(value, str) or not value or "\0" in value:
         raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
     return value
 
 
 def label(name: str, value: object) -> str:
-    """Return a name that other programs write into a line of a list: printable, short; else raise
-    ArgumentError."""
-    if (
-        not isinstance(value, str)
-        or not value.strip()
-        or not value.isprintable()
-        or len(value) > _LONGEST_LABEL
-    ):
+    """Return ``value``, a name that other programs write into a line of a list: printable, short; else raise
+    ArgumentError with ``name``."""
+    is_text = isinstance(value, str) and value.strip() and value.isprintable()
+    if not is_text or len(str(value)) > _LONGEST_LABEL:
         wanted = f"a name of at most {_LONGEST_LABEL} printable characters"
         raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
     return str(value)
 
 
 def stem(name: str, value: object, *, dots: bool = False) -> str:
-    """Return ``value``, the start of a file name on any system: printable, short, no name of a device such as
-    ``con``, no blank or dot at its ends; without ``dots`` none at all, which end it in WebDataset. Else raise
-    ArgumentError."""
+    """Return the start of a file name on any system: printable, short, no name of a device such as ``con``,
+    no blank or dot at its ends; else raise ArgumentError.
+
+    Args:
+        name: of the argument, for messages.
+        value: that is checked.
+        dots: whether it may have dots within, which end it in WebDataset.
+    """
     name_is = value if isinstance(value, str) and value.isprintable() else ""
     if not dots and "." in name_is.strip("."):
         raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(value)}")
@@ -183,14 +215,22 @@ def stem(name: str, value: object, *, dots: bool = False) -> str:
 
 
 def file_key(name: str) -> str:
-    """Return what names of one file have in common on systems that fold case and normalize Unicode: macOS
-    takes é in one character and é in two for one name."""
+    """Return what all names of one file have in common on systems that fold case and normalize Unicode.
+
+    macOS takes é in one character and é in two for one name.
+    """
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 def stems(name: str, values: Iterable[object], *, dots: bool = False) -> None:
-    """Raise ArgumentError unless all are as :func:`stem`, and name different files on every system."""
-    folded = dict[str, str]()
+    """Raise ArgumentError unless all are as :func:`stem`, and name different files on every system.
+
+    Args:
+        name: of the argument, for messages.
+        values: that are checked.
+        dots: as of :func:`stem`.
+    """
+    folded: dict[str, str] = {}
     for value in values:
         same = folded.setdefault(file_key(stem(name, value, dots=dots)), str(value))
         if same == value:
@@ -204,7 +244,7 @@ def stems(name: str, values: Iterable[object], *, dots: bool = False) -> None:
 
 
 def texts(name: str, value: object) -> tuple[str, ...]:
-    """Return a list of at least one text as a tuple, or raise ArgumentError."""
+    """Return ``value``, a list of at least one text, as a tuple, or raise ArgumentError with ``name``."""
     if not isinstance(value, list | tuple) or not value:
         raise ArgumentError(f"{name}: expected a list of texts, got {shown(value)}")
     return tuple(text(f"{name}[{i}]", item) for i, item in enumerate(value))
@@ -226,11 +266,10 @@ def _fits(value: object, shape: Sequence[int | None]) -> bool:
     """Return whether a value is an array of finite float64 numbers of a shape."""
     if type(value) is not np.ndarray or value.dtype != np.float64 or value.ndim != len(shape):
         return False
-    sizes = all(
-        size >= 1 if wanted is None else size == wanted
-        for size, wanted in zip(value.shape, shape, strict=True)
-    )
-    return sizes and bool(np.isfinite(value).all())
+    for size, wanted in zip(value.shape, shape, strict=True):
+        if size != (max(1, size) if wanted is None else wanted):
+            return False
+    return bool(np.isfinite(value).all())
 
 
 def _sizes(value: Any, shape: Sequence[int | None]) -> list[int]:
@@ -251,9 +290,14 @@ def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:
         return [_as_float(value)]
     if hasattr(value, "__array__"):
         value = np.asarray(value).tolist()
-    listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
-    if not listed or len(value) != (max(1, len(value)) if shape[0] is None else shape[0]):
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes):
+        return [math.nan]
+    fits = len(value) > 0 if shape[0] is None else len(value) == shape[0]
+    if not fits:
         return [math.nan]
     if len(shape) == 1 and set(map(type, value)) == {float}:  # as of JSON: most numbers of recordings
         return list(value)
-    return [leaf for row in value for leaf in _leaves(row, shape[1:])]
+    leaves = []
+    for row in value:
+        leaves += _leaves(row, shape[1:])
+    return leaves

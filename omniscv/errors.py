@@ -17,14 +17,22 @@ def printable(text: object) -> str:
     shown = str(text)
     if shown.isprintable():
         return shown
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown)
+    escaped = ""
+    for character in shown:
+        escaped += character if character.isprintable() else character.encode("unicode_escape").decode()
+    return escaped
 
 
 _FOLDERS = re.compile(r"(?<![\w.:/])/(?:[^/\s:]+/){2,}")
 
 
 def one_line(text: object, longest: int = LONGEST_LINE) -> str:
-    """Return a text in one printable line; if it is too long, omit folders of paths, then its middle."""
+    """Return a text in one printable line.
+
+    Args:
+        text: of any kind.
+        longest: characters that the line may have: it omits folders of paths, then its middle.
+    """
     line = printable(" ".join(str(text).split()))
     if len(line) > longest:
         line = _FOLDERS.sub(".../", line)
@@ -101,14 +109,14 @@ class RecordingError(OmniscvError):
     """
 
     def __init__(self, reason: str, path: object = None, advice: str = "") -> None:
-        start = "" if path is None else f"{path}: "
-        super().__init__(f"{start}{reason}{advice and '; '}{advice}")
+        text = reason if path is None else f"{path}: {reason}"
+        super().__init__(f"{text}; {advice}" if advice else text)
         self.reason = reason
         self.path = path
         self.advice = advice
 
     def at(self, path: object, advice: str = "") -> Self:
-        """Return the same error of a recording at a path."""
+        """Return the same error of a recording at ``path``, with ``advice`` on what to do."""
         return type(self)(self.reason, path, advice)
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -26,13 +26,13 @@ from omniscv.geometry.arrays import Floats, Pixels, run
 
 _BINS = 1 << 12
 """Bins of light from 0 to 1 that a search for a code starts at: of sRGB each holds two codes at most."""
-_CHOSEN = 80
-"""Pixels of each picture by which a response is solved."""
-_JUDGED = (20, 235)
-_NAMED = 0.03
-_LEAST = 1e-9
-"""Codes by which a response is compared with named ones, how far the logarithm of light may be off, and the
-least light that has one."""
+
+# A response is solved:
+_CHOSEN = 80  # pixels of each picture by which it is solved
+_JUDGED = (20, 235)  # the least and the largest code by which it is compared with named ones
+_NAMED = 0.03  # by which the logarithm of light may be off
+_LEAST = 1e-9  # the least light that has a logarithm
+
 _SLOPE = 0.88
 _TOE = 0.55
 _SHOULDER = 0.26
@@ -69,9 +69,11 @@ def film_curve(light: Any) -> NDArray[np.float64]:
     line = _SLOPE * (x + straight)
     low = -_BLACK_CLIP + 2 * toe / (1 + np.exp(-2 * _SLOPE * (x - toe_at) / toe))
     high = 1 + _WHITE_CLIP - 2 * shoulder / (1 + np.exp(2 * _SLOPE * (x - shoulder_at) / shoulder))
-    low, high = np.where(x < toe_at, low, line), np.where(x > shoulder_at, high, line)
+    low = np.where(x < toe_at, low, line)
+    high = np.where(x > shoulder_at, high, line)
     t = np.clip((x - toe_at) / (shoulder_at - toe_at), 0, 1)
-    t = 1 - t if shoulder_at < toe_at else t
+    if shoulder_at < toe_at:
+        t = 1 - t
     share = t * t * (3 - 2 * t)
     return np.asarray(np.clip(low + (high - low) * share, 0, None))
 
@@ -95,7 +97,8 @@ def light_of_codes(codes: Any, transfer: str | NDArray[np.float64]) -> NDArray[n
 
 
 def decode(colors: Pixels, transfer: str) -> NDArray[np.float32]:
-    """Return light (...) float32 of colours: of uint8 by their transfer, of floats as they are."""
+    """Return light (...) float32 of ``colors`` (...): of uint8 by their ``transfer``, of floats as they
+    are."""
     if colors.dtype != np.uint8:
         return np.asarray(colors, np.float32)
     import cv2  # slow to load
@@ -105,7 +108,8 @@ def decode(colors: Pixels, transfer: str) -> NDArray[np.float32]:
 
 
 def encode(light: Floats, transfer: str) -> NDArray[np.uint8]:
-    """Return the nearest codes (...) uint8 of light; NaN becomes 0, and what is brighter than white 255."""
+    """Return the nearest codes (...) uint8, by a ``transfer``, of ``light`` (...); NaN becomes 0, and what is
+    brighter than white 255."""
     _, thresholds, starts, scale = _tables(transfer)
     codes = np.empty(light.shape, np.uint8)
     run(_encode, (np.ascontiguousarray(light, np.float32).ravel(), codes.ravel()), thresholds, starts, scale)
@@ -159,24 +163,30 @@ def solve(pictures: Sequence[NDArray[np.uint8]], stops: Sequence[float]) -> str 
     import cv2  # slow to load
 
     flat = np.stack([np.ravel(codes) for codes in pictures])
-    firsts = [np.unique(codes, return_index=True)[1] for codes in flat]  # of every code, one pixel
-    pixels = np.unique([at[i * len(at) // _CHOSEN] for at in firsts for i in range(_CHOSEN)])
+    pixels = np.unique(np.concatenate([_chosen(codes) for codes in flat]))
     debevec = cv2.createCalibrateDebevec(len(pixels), 10.0, False)
     solved = debevec.process([*flat[:, None, pixels]], np.exp2(np.array(stops, np.float32)))
     logs = np.log(np.clip(np.ravel(solved).astype(np.float64), _LEAST, 1 / _LEAST))
     seen = np.unique(flat[:, pixels].clip(*_JUDGED))
-    apart = {
-        name: (logs - np.log(np.maximum(light_of_codes(np.arange(256), name), _LEAST)))[seen]
-        for name in ("srgb", "film", "linear")
-    }
+    apart = {}
+    for name in ("srgb", "film", "linear"):
+        named = np.log(np.maximum(light_of_codes(np.arange(256), name), _LEAST))
+        apart[name] = (logs - named)[seen]
     nearest = min(apart, key=lambda name: float(apart[name].std()))
     if apart[nearest].std() <= _NAMED:
         return nearest
     return np.asarray(np.maximum.accumulate(np.exp(logs - apart["srgb"].mean())))
 
 
+def _chosen(codes: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return pixels of a picture, by index: one of each of up to ``_CHOSEN`` codes."""
+    _, first = np.unique(codes, return_index=True)
+    return np.asarray(first[np.arange(_CHOSEN) * len(first) // _CHOSEN])
+
+
 def known(transfer: str, colors: Pixels) -> bool:
-    """Return whether the mean of codes is not the mean of light, and how to correct it is known."""
+    """Return whether the mean of ``colors``, codes by a ``transfer``, is not the mean of their light, and how
+    to correct it is known."""
     return colors.dtype == np.uint8 and transfer in ("srgb", "film")
 
 

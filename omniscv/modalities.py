@@ -100,7 +100,10 @@ def get(name: str) -> Modality:
     for row in _TABLE.values():
         if name == row.name or name in row.aliases:
             return row
-    near = did_you_mean(name, (word for row in _TABLE.values() for word in (row.name, *row.aliases)))
+    words: list[str] = []
+    for row in _TABLE.values():
+        words += [row.name, *row.aliases]
+    near = did_you_mean(name, words)
     raise ArgumentError(f"mode: expected one of {', '.join(names())}; got {name!r}{near}")
 
 

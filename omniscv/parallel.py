@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache, cached_property
-from itertools import pairwise
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -45,8 +44,10 @@ def blocks(function: Callable[[slice], R], count: int, elements: int | None = No
     """
     alone = cores() == 1 or (elements or count) < MIN_PARALLEL_ELEMENTS
     number = 1 if alone else max(1, min(4 * cores(), count))  # several a core: not all take as long
-    edges = [count * i // number for i in range(number + 1)]
-    return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
+    slices = []
+    for i in range(number):
+        slices.append(slice(count * i // number, count * (i + 1) // number))
+    return side_by_side(function, slices)
 
 
 def row_blocks(function: Callable[[slice], R], height: int, width: int, pixels: int = 1 << 14) -> list[R]:
@@ -54,7 +55,8 @@ def row_blocks(function: Callable[[slice], R], height: int, width: int, pixels: 
 
     Args:
         function: called with each slice of rows.
-        height, width: of the image, px.
+        height: of the image, px.
+        width: of the image, px.
         pixels: of a block, so that it stays in the processor's cache.
     """
     step = max(1, pixels // width)
@@ -62,7 +64,7 @@ def row_blocks(function: Callable[[slice], R], height: int, width: int, pixels: 
 
 
 def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """Return the results of a function for every item, computed on all cores, in order.
+    """Return the results of a function for every one of ``items``, computed on all cores, in order.
 
     After an error no further item is started; the error of the first item that failed is raised.
     """
@@ -91,10 +93,14 @@ def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
 
 def ahead(function: Callable[[T], R], items: Iterable[T], threads: int) -> Iterator[R]:
-    """Yield the results of a function in order, while so many threads work on the next items.
+    """Yield the results of a function in order, while threads work on the next items.
 
-    Without threads each result is computed when it is taken. What was begun is finished, even if
-    a later item cannot be had: images before a failure are saved.
+    What was begun is finished, even if a later item cannot be had: images before a failure are saved.
+
+    Args:
+        function: called with each item.
+        items: taken as they are needed.
+        threads: how many; 0: each result is computed when it is taken.
     """
     if not threads:
         yield from map(function, items)
@@ -117,11 +123,14 @@ def _pool() -> ThreadPoolExecutor:
 def _renew_locks() -> None:
     """Replace the locks of cached properties in a forked child: before Python 3.12 each has one, which a
     thread of the parent may hold."""
-    modules = [module for name, module in list(sys.modules.items()) if name.partition(".")[0] in _PACKAGES]
-    classes = {value for module in modules for value in vars(module).values() if isinstance(value, type)}
-    for attribute in [value for cls in classes for value in vars(cls).values()]:
-        if isinstance(attribute, cached_property) and hasattr(attribute, "lock"):
-            attribute.lock = threading.RLock()
+    classes: set[type] = set()
+    for name, module in list(sys.modules.items()):
+        if name.partition(".")[0] in _PACKAGES:
+            classes.update(value for value in vars(module).values() if isinstance(value, type))
+    for cls in classes:
+        for attribute in vars(cls).values():
+            if isinstance(attribute, cached_property) and hasattr(attribute, "lock"):
+                attribute.lock = threading.RLock()
 
 
 _PACKAGES = ("omniscv", "mock_server")

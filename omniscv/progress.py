@@ -39,7 +39,7 @@ Steps = Callable[[int, int], None]
 
 
 def counted(items: Sequence[T], progress: Steps | None) -> Iterator[T]:
-    """Yield items, and report each when it is done with."""
+    """Yield items, and report each to ``progress``, unless that is None, when it is done with."""
     for done, item in enumerate(items, start=1):
         yield item
         if progress:

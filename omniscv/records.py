@@ -42,7 +42,8 @@ def checked(
 
     Args:
         reader: such as the functions of :mod:`omniscv.arguments`, :func:`nested`, :func:`listed`.
-        default, default_factory: as :func:`dataclasses.field`; a default is not checked.
+        default: as of :func:`dataclasses.field`; it is not checked.
+        default_factory: the same.
         key: in files, where it is not the field's name, as for a word of Python's.
         help: one line for the tables of options that are generated.
         limits: passed on to the reader.
@@ -54,7 +55,13 @@ def checked(
 
 
 def word(words: Any, *, default: Any, help: str = "") -> Any:
-    """Return a field of a record that is one of a few words, those of a Literal or of a tuple."""
+    """Return a field of a record that is one of a few words.
+
+    Args:
+        words: a Literal, or a tuple of them.
+        default: one of them; it is not checked.
+        help: one line for the tables of options that are generated.
+    """
     return checked(one_of, words=get_args(words) or words, default=default, help=help)
 
 
@@ -90,7 +97,11 @@ def record(
     if not in_files:
         cls.__post_init__ = check  # type: ignore[attr-defined]
     result = dataclass(frozen=True, eq=eq, repr=repr)(cls)
-    if lines := [f"    {key_of(field)}: {help_of(field)}" for field in fields(result) if help_of(field)]:  # type: ignore[arg-type]
+    lines = []
+    for option in fields(result):  # type: ignore[arg-type]
+        if help_of(option):
+            lines.append(f"    {key_of(option)}: {help_of(option)}")
+    if lines:
         result.__doc__ = "\n".join([(result.__doc__ or "").rstrip(), "", "Options:", *lines])
     return result
 
@@ -154,7 +165,13 @@ def _given(known: Iterable[Field[Any]], value: object, where: str) -> dict[str, 
 
 
 def mapping(where: str, value: object, known: Collection[str] | None = None) -> dict[str, Any]:
-    """Return a mapping as a dict; ArgumentError for anything else, or for a key that is not known."""
+    """Return a mapping as a dict; ArgumentError for anything else, or for a key that is not known.
+
+    Args:
+        where: it stands in its file, for messages; "" for the file itself.
+        value: what should be a mapping.
+        known: the keys that it may have; None: any.
+    """
     start = f"{where}: " if where else ""
     if not isinstance(value, Mapping):
         wanted = f"a mapping with {', '.join(known)}" if known else "a mapping"
@@ -162,8 +179,9 @@ def mapping(where: str, value: object, known: Collection[str] | None = None) -> 
     for key in value:
         if known is not None and key not in known:
             hint = did_you_mean(key, known)
-            listed = f"{hint and ' '}known keys: {', '.join(known) or 'none'}"
-            raise ArgumentError(f"{start}unknown key {shown(key)}{hint or '; '}{listed}")
+            separator = f"{hint} " if hint else "; "
+            listed = ", ".join(known) or "none"
+            raise ArgumentError(f"{start}unknown key {shown(key)}{separator}known keys: {listed}")
     return dict(value)
 
 
@@ -176,6 +194,7 @@ def listed(reader: Reader) -> Reader:
     """Return a reader of lists, as tuples, whose items a reader checks as ``NAME[INDEX]``."""
 
     def items(name: str, value: object) -> tuple[Any, ...]:
+        """Return ``value`` checked, with ``name`` in errors."""
         if not isinstance(value, list | tuple):
             raise ArgumentError(f"{name}: expected a list, got {shown(value)}")
         return tuple(reader(f"{name}[{i}]", item) for i, item in enumerate(value))
@@ -187,8 +206,11 @@ def named(reader: Reader) -> Reader:
     """Return a reader of mappings by names, as dicts, whose values a reader checks as ``FIELD.NAME``."""
 
     def items(name: str, value: object) -> dict[str, Any]:
-        entries = mapping(name, value)
-        return {text(name, key): reader(f"{name}.{key}", entry) for key, entry in entries.items()}
+        """Return ``value`` checked, with ``name`` in errors."""
+        entries: dict[str, Any] = {}
+        for key, entry in mapping(name, value).items():
+            entries[text(name, key)] = reader(f"{name}.{key}", entry)
+        return entries
 
     return items
 
@@ -198,16 +220,16 @@ def optional(reader: Reader) -> Reader:
     return lambda name, value: None if value is None else reader(name, value)
 
 
-def key_of(of: Field[Any]) -> str:
+def key_of(option: Field[Any]) -> str:
     """Return the key of a record's field in files."""
-    return str(of.metadata.get(_KEY)) if of.metadata.get(_KEY) else of.name
+    return str(option.metadata.get(_KEY) or option.name)
 
 
-def reader_of(of: Field[Any]) -> Reader | None:
+def reader_of(option: Field[Any]) -> Reader | None:
     """Return the reader of a record's field; None if it is no key of files."""
-    return of.metadata.get(_READER)
+    return option.metadata.get(_READER)
 
 
-def help_of(of: Field[Any]) -> str:
+def help_of(option: Field[Any]) -> str:
     """Return what a record's field is for, in one line."""
-    return str(of.metadata.get(_HELP, ""))
+    return str(option.metadata.get(_HELP, ""))

@@ -50,12 +50,16 @@ def _face_size(name: str, value: object) -> Any:
 
 
 def _accuracy(name: str, value: object) -> float | None:
+    """Return a share of the pixels, which may be given in percent; None for None."""
     if value is None:
         return None
-    percent = isinstance(value, str) and value.strip().endswith("%")
-    share = value.strip().removesuffix("%") if isinstance(value, str) else value
+    share = value
+    whole = 1
+    if isinstance(value, str):
+        share = value.strip().removesuffix("%")
+        whole = 100 if value.strip().endswith("%") else 1
     try:
-        return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
+        return number(name, share, above=0, below=whole) / whole
     except ArgumentError:
         raise wrong(name, "a share of the pixels, such as 0.1% or 0.001", value) from None
 

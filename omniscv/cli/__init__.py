@@ -41,6 +41,7 @@ class _Commands(TyperGroup):
         self.commands = names  # for lists and suggestions
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command ``cmd_name``, None if there is no such; ``ctx`` is not used."""
         if cmd_name not in COMMANDS:
             return None
         group = typer.main.get_group(import_module(f"omniscv.cli.{COMMANDS[cmd_name]}").app)

@@ -21,6 +21,7 @@ class _Models(TyperGroup):
     """``omniscv cameras NAME`` is short for ``omniscv cameras show NAME``."""
 
     def resolve_command(self, context: Any, args: list[str]) -> Any:
+        """Return the command of the words ``args``, in the ``context`` of the group."""
         return super().resolve_command(context, args if args[0] in self.commands else ["show", *args])
 
 
@@ -34,16 +35,20 @@ def cameras(context: typer.Context, as_json: options.AsJson = False) -> None:
 
     if context.invoked_subcommand is not None:
         return
-    models = {name: model(name) for name in names()}
-    summaries = [_summary(cls) for cls in models.values()]
-    kinds = ["central" if cls.central else "non-central" for cls in models.values()]
-    typical = [" ".join(f"{key}={text}" for key, text in _typical(name).items()) for name in models]
-    columns = ("model", "kind", "summary", "typical")
-    rows = list(zip(models, kinds, summaries, typical, strict=True))
+    descriptions = []
+    cells = []
+    for name in names():
+        cls = model(name)
+        kind = "central" if cls.central else "non-central"
+        summary = _summary(cls)
+        typical = " ".join(f"{key}={text}" for key, text in _typical(name).items())
+        descriptions.append({"model": name, "kind": kind, "summary": summary, "typical": typical})
+        in_brackets = f"[{typical}]" if typical else ""
+        cells.append((name, kind, f"{summary} {in_brackets}"))
     if as_json:
-        console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
+        console.as_json(descriptions)
         return
-    console.table(columns[:3], ((*row[:2], f"{row[2]} {row[3] and f'[{row[3]}]'}") for row in rows))
+    console.table(("model", "kind", "summary"), cells)
     console.line("In brackets typical parameters at 256 px; 'omniscv cameras MODEL' has a command with them.")
 
 
@@ -53,13 +58,17 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
     from omniscv.cameras import model
 
     console.document(f"{name}\n\n{inspect.getdoc(model(name))}\n")
-    if (lens := model(name).lens) and lens.names:
+    lens = model(name).lens
+    if lens and lens.names:
         console.line(f"In lens files: {lens}")
     camera = model(name).example(256)
-    settings = (f"--set {shlex.quote(f'camera.{key}={text}')}" for key, text in _typical(name).items())
-    turned = [f"--pitch {camera.typical_pitch_deg:g}"] if camera.typical_pitch_deg else []
-    view = f"--camera {name} --size {camera.width}x{camera.height}"
-    words = ["omniscv render --source mock://four-wall", view, *settings, *turned, "--out out/"]
+    words = ["omniscv render --source mock://four-wall"]
+    words.append(f"--camera {name} --size {camera.width}x{camera.height}")
+    for key, text in _typical(name).items():
+        words.append(f"--set {shlex.quote(f'camera.{key}={text}')}")
+    if camera.typical_pitch_deg:
+        words.append(f"--pitch {camera.typical_pitch_deg:g}")
+    words.append("--out out/")
     console.line(f"Example: {' '.join(words)}")
 
 
@@ -74,17 +83,22 @@ def _typical(name: str) -> dict[str, str]:
     from omniscv.cameras import model
 
     cls = model(name)
-    defaults = {
-        key: list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
-        for key, parameter in inspect.signature(cls).parameters.items()
-    }
-    return {  # floats of six digits
-        key: json.dumps(json.loads(json.dumps(value), parse_float=lambda x: float(f"{float(x):.6g}"))).strip(
-            '"'
-        )
-        for key, value in cls.example(256).to_dict().items()
-        if key not in ("model", "width", "height", "center") and value != defaults.get(key)
-    }
+    parameters = inspect.signature(cls).parameters
+    texts = {}
+    for key, value in cls.example(256).to_dict().items():
+        if key in ("model", "width", "height", "center"):
+            continue
+        default = parameters[key].default if key in parameters else None
+        if isinstance(default, tuple):
+            default = list(default)
+        if value != default:
+            texts[key] = json.dumps(_six_digits(value)).strip('"')
+    return texts
+
+
+def _six_digits(value: Any) -> Any:
+    """Return plain values with floats of six digits."""
+    return json.loads(json.dumps(value), parse_float=lambda digits: float(f"{float(digits):.6g}"))
 
 
 @dataclass(frozen=True)
@@ -184,20 +198,22 @@ def convert(
     form = FORMS[one_of("--format", format, FORMS)]
     mounts = {}
     for i, (key, entry) in enumerate(entries.items()):
-        mounts[form.writing.label.format(i, i + 1, name=key)] = mounted = entry.mounted
-        if fit and (fitted := calibration.nearest(mounted.camera, format)) is not None:
-            mounts[form.writing.label.format(i, i + 1, name=key)] = replace(mounted, camera=fitted.camera)
+        mounted = entry.mounted
+        fitted = calibration.nearest(mounted.camera, format) if fit else None
+        if fitted is not None:
             console.line(f"{key}: {mounted.camera.name} as {fitted.camera.name}:")
             _report(fitted)
-    posed = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
-    if posed and form.layout.poses:
+            mounted = replace(mounted, camera=fitted.camera)
+        mounts[form.writing.label.format(i, i + 1, name=key)] = mounted
+    is_rig = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
+    if is_rig and form.layout.poses:
         rig = Rig(mounts)
-        calibration.save_rig(
-            out, rig.seen_from(next(iter(mounts))) if form.writing.from_first else rig, format
-        )
+        if form.writing.from_first:
+            rig = rig.seen_from(next(iter(mounts)))
+        calibration.save_rig(out, rig, format)
     else:
         calibration.save(out, {key: mounted.camera for key, mounted in mounts.items()}, format)
-    lost = "" if form.layout.poses or not posed else "; the poses are lost: the format has none"
+    lost = "; the poses are lost: the format has none" if is_rig and not form.layout.poses else ""
     console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(mounts)} camera(s){lost}")
 
 

@@ -47,15 +47,17 @@ def unwound(command: Callable[[], int]) -> int:
     _received.clear()
     latest = -_ONE_STOP_S
 
-    def stop(number: int, _: FrameType | None) -> None:
+    def stop(number: int, frame: FrameType | None) -> None:
+        """Stop the command at the signal ``number``, in whatever ``frame``."""
         nonlocal latest
         if time.monotonic() - latest > _ONE_STOP_S:
             latest = time.monotonic()
             _received.append(number)
             raise KeyboardInterrupt
 
-    def end(number: int, _: FrameType | None) -> None:
-        os._exit(128 + (_received or [number])[0])
+    def end(number: int, frame: FrameType | None) -> None:
+        """End the process with the code of the first signal, else of ``number``, in whatever ``frame``."""
+        os._exit(128 + (_received[0] if _received else number))
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
@@ -96,8 +98,8 @@ def line(text: object) -> None:
 
 def document(text: str) -> None:
     """Print a text of several lines on standard output, each as :func:`line` does."""
-    for one in text.splitlines():
-        line(one)
+    for part in text.splitlines():
+        line(part)
 
 
 def as_json(value: object) -> None:
@@ -107,8 +109,11 @@ def as_json(value: object) -> None:
 
 def summary(values: Mapping[str, object]) -> None:
     """Print a table of keys and values; those that are no texts as JSON."""
-    texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
-    table(("", ""), [(key.replace("_", " "), text) for key, text in texts.items()])
+    rows = []
+    for key, value in values.items():
+        text = value if isinstance(value, str) else json.dumps(value)
+        rows.append((key.replace("_", " "), text))
+    table(("", ""), rows)
 
 
 def error(text: object) -> None:
@@ -119,15 +124,23 @@ def error(text: object) -> None:
 def table(
     columns: Sequence[str], rows: Iterable[Sequence[object]], styles: Mapping[str, str] | None = None
 ) -> None:
-    """Print a table, without headings if all are empty; ``styles`` maps cells to styles of rich."""
+    """Print a table.
+
+    Args:
+        columns: their headings; none are printed if all are empty.
+        rows: of cells, as many as columns.
+        styles: of rich, by the text of a cell.
+    """
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     drawn = Table(*columns, box=None, show_header=any(columns), header_style="bold", padding=(0, 2, 0, 0))
     drawn.columns[0].no_wrap = True  # names are not shortened on narrow terminals
+    if styles is None:
+        styles = {}
     for row in rows:
-        drawn.add_row(*(Text(printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
+        drawn.add_row(*[Text(printable(cell), styles.get(str(cell), "")) for cell in row])
     Console(highlight=False, soft_wrap=True).print(drawn)
 
 
@@ -162,7 +175,7 @@ class Display:
             from rich import progress
             from rich.console import Console
 
-            columns = progress.BarColumn(), progress.TextColumn("{task.description}")
+            columns = (progress.BarColumn(), progress.TextColumn("{task.description}"))
             terminal = Console(stderr=True, force_terminal=True)
             self._bar = progress.Progress(*columns, console=terminal, transient=True)
             self._task = self._bar.add_task(what, total=1)
@@ -181,7 +194,7 @@ class Display:
             self._print()
 
     def steps(self, done: int, total: int) -> None:
-        """Show the progress of work that has no captures."""
+        """Show the progress of work that has no captures: ``done`` steps of ``total``."""
         from omniscv.progress import Progress
 
         self(Progress(done, total))
@@ -216,16 +229,22 @@ class Display:
         """Return ``images 3/12, 345/460 captures, 45.2 MB, 22/s, 1.9 MB/s, 0:41 left``, as far as known."""
         now = self._now
         seconds = max(self._seconds, 1e-3)
-        parts = [f"{self._what} {now.images}/{now.of_images}", *([self.note] if self.note else [])]
+        parts = [f"{self._what} {now.images}/{now.of_images}"]
+        if self.note:
+            parts.append(self.note)
         if now.of_captures:
             rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
             parts.append(f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}")
         if self.fraction > 0:
-            minutes, rest = divmod(round(self._seconds * (1 / self.fraction - 1)), 60)
-            hours, minutes = divmod(minutes, 60)
-            clock = f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
-            parts.append(f"{clock} left")
+            parts.append(f"{_clock(round(self._seconds * (1 / self.fraction - 1)))} left")
         return ", ".join(parts)
+
+
+def _clock(seconds: int) -> str:
+    """Return seconds as ``0:41``, or ``1:02:03`` from an hour on."""
+    minutes, seconds = divmod(seconds, 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
 
 
 @contextmanager
@@ -236,10 +255,15 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
         what: is counted, such as "images".
         style: by default a bar if standard error is a terminal, else a line a minute.
     """
-    every_s = _LINES_EVERY_S if style else _LINES_ELSEWHERE_S
-    style = style or ("none" if not sys.stderr else "bar" if sys.stderr.isatty() else "plain")
-    from_s = 0.0 if every_s == _LINES_EVERY_S else every_s
-    with closing(Display(what, style, every_s, from_s)) as shown:
+    if style is not None:
+        shown = Display(what, style, _LINES_EVERY_S)
+    elif not sys.stderr:
+        shown = Display(what, "none")
+    elif sys.stderr.isatty():
+        shown = Display(what, "bar")
+    else:
+        shown = Display(what, "plain", _LINES_ELSEWHERE_S, from_s=_LINES_ELSEWHERE_S)
+    with closing(shown):
         yield shown
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Exit, Option, Typer
 
@@ -89,13 +89,18 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
     part = how.part()
     if how.keep_going:
         loaded = replace(loaded, failures=FailureLimit(1.0))
+    existing: Literal["refuse", "resume", "replace"] = "refuse"
+    if how.resume:
+        existing = "resume"
+    elif how.overwrite:
+        existing = "replace"
     with display("frames", progress) as show:
         if how.cluster is not None:
             result = _make_on_workers(loaded, how, show)
         else:
             result = make_dataset(
                 loaded,
-                existing="resume" if how.resume else "replace" if how.overwrite else "refuse",
+                existing=existing,
                 shard=part,
                 limit=how.limit,
                 workers=how.workers,
@@ -171,7 +176,8 @@ def check(
 
         for line, is_wrong in check_pictures(folder, format):
             console.line(line)
-            faults += [line] if is_wrong else []
+            if is_wrong:
+                faults.append(line)
     if not faults:
         console.line(f"{without_secrets(folder)}: {len(open(folder))} frames, no faults")
     raise Exit(1 if faults else 0)
@@ -182,7 +188,10 @@ def info(folder: Dataset, as_json: AsJson = False) -> None:
     """Count the frames, cameras, splits, objects, classes and bytes of a dataset."""
     from omniscv.dataset.checking import info
 
-    (console.as_json if as_json else console.summary)(info(folder))
+    if as_json:
+        console.as_json(info(folder))
+    else:
+        console.summary(info(folder))
 
 
 @app.command(epilog="Example: omniscv dataset classes scene://four-wall classes.yaml")
@@ -196,10 +205,15 @@ def classes(
     from omniscv.frame.classes import class_rules
 
     rules = class_rules(file)
-    class_of = {name: rules.class_of(name) for name in object_names(scene)}
-    ids = {name: label.id for name, label in rules.classes.items()}
-    unmatched = f"({rules.unmatched})"
-    rows = [(name, label or unmatched, ids.get(label or "", "")) for name, label in class_of.items()]
+    class_of = {}
+    rows: list[tuple[object, ...]] = []
+    for name in object_names(scene):
+        label = rules.class_of(name)
+        class_of[name] = label
+        if label in rules.classes:
+            rows.append((name, label, rules.classes[label].id))
+        else:
+            rows.append((name, label or f"({rules.unmatched})", ""))
     console.table(("object", "class", "id"), rows)
     rules.table(class_of)
 
@@ -253,10 +267,10 @@ def video(
     from omniscv.dataset.media import write_video
     from omniscv.storage import without_secrets
 
-    every = open(folder)
+    frames = list(open(folder))
     if camera is not None:
-        one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
-    frames = [frame for frame in every if camera in (None, frame.camera_name)]
+        one_of("--camera", camera, sorted({frame.camera_name for frame in frames}))
+        frames = [frame for frame in frames if frame.camera_name == camera]
     with display("frames", progress) as show:
         written = write_video(frames, out, rate=rate, progress=show.steps)
     console.line(without_secrets(written))

@@ -3,8 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, asdict, is_dataclass, replace
-from functools import reduce
-from operator import add
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -45,11 +43,11 @@ def render(
     if stem is not None:
         if loaded.rig is not None or len(loaded.cameras) != 1:
             raise ArgumentError(f"--stem: expected a job with one camera, got {len(loaded.cameras)}")
-        cameras = dict(zip([stem], loaded.cameras.values(), strict=True))
-        own_cameras = dict(
-            zip([stem], loaded.own_cameras.values(), strict=False)
-        )  # of one camera, or of none
-        loaded = replace(loaded, cameras=cameras, own_cameras=own_cameras)
+        (camera,) = loaded.cameras.values()
+        own_cameras = {}
+        for own_camera in loaded.own_cameras.values():  # one, or none
+            own_cameras[stem] = own_camera
+        loaded = replace(loaded, cameras={stem: camera}, own_cameras=own_cameras)
     images: list[tuple[float, float | None, Any]] = []
     with display("images", progress) as show:
         files = run(
@@ -71,11 +69,16 @@ def _spent(images: Sequence[tuple[float, float | None, Any]], seconds: float) ->
         return f"no images, {seconds:.1f} s"
     captures = sum(effort.captures for _, _, effort in images)
     doubtful, aim, effort = max(images, key=lambda image: image[0])
-    asked = "" if aim is None else f" ({100 * aim:.3g} % asked)"
-    ended = f"; {effort.stopped}" if effort.stopped not in ("", "aim") else ""
-    of, most = (f"{len(images)} images", "at most ") if len(images) > 1 else ("1 image", "")
-    share = f"{most}{100 * doubtful:.3g} % of the pixels in doubt{asked}{ended}"
-    return f"{of}: {captures} captures, {share}, {seconds:.1f} s"
+    count = "1 image"
+    share = f"{100 * doubtful:.3g} % of the pixels in doubt"
+    if len(images) > 1:
+        count = f"{len(images)} images"
+        share = f"at most {share}"
+    if aim is not None:
+        share += f" ({100 * aim:.3g} % asked)"
+    if effort.stopped not in ("", "aim"):
+        share += f"; {effort.stopped}"
+    return f"{count}: {captures} captures, {share}, {seconds:.1f} s"
 
 
 # -- record ----------------------------------------------------------------------------------------------
@@ -91,12 +94,18 @@ def _exposure(text: str) -> float | str:
         raise options.wrong("--exposure", "auto, game or a bias in stops such as 0.5", text) from None
 
 
+def _positions(texts: list[str]) -> options.Keys:
+    """Return the keys of ``--position``, a pose each."""
+    poses = [{"position": options.numbers("--position", text)} for text in texts]
+    return {"poses": poses}
+
+
 RECORD = {
     "source": JobOption(
         key("source"), list[str], [], f"{SOURCE_HELP} Repeatable: replicas of a game share the captures."
     ),
     "position": JobOption(
-        lambda texts: {"poses": [{"position": options.numbers("--position", text)} for text in texts]},
+        _positions,
         list[str],
         ["0,0,1.5"],
         "X,Y,Z in metres: X forward, Y left, Z up; repeatable.",
@@ -199,35 +208,55 @@ def plan(
     from omniscv.make import check_worlds, costs, measured_price
     from omniscv.render_options import COMPARED
 
-    found = []
-    unchecked = False
+    priced: list[tuple[str, Any]] = []  # the name of a world, and a cost
+    is_unchecked = False
     for world in check_worlds(job.load(), dataset=False).each:
-        unchecked |= world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes)
+        if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
+            is_unchecked = True
         if measure:
             price = measured_price(world)
             console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
             measured = (price.request, price.megapixel)
             world = replace(world, options=replace(world.options, capture_ms=measured))
-        found += [(world.world, cost) for cost in costs(world)]
-    if len({world for world, _ in found}) > 1:
-        by_way = {cost.way: [other for _, other in found if other.way == cost.way] for _, cost in found}
-        found += [("all worlds", reduce(add, costs)) for costs in by_way.values()]
+        for cost in costs(world):
+            priced.append((world.world, cost))
+    if len({name for name, _ in priced}) > 1:
+        priced += [("all worlds", total) for total in _totals(priced)]
     if as_json:
-        console.as_json([({"world": world} if world else {}) | asdict(cost) for world, cost in found])
+        console.as_json([_plain_cost(name, cost) for name, cost in priced])
         return
-    rows = [
-        (
-            *([world] if found[-1][0] else []), cost.way,
-            str(cost.requests) if cost.most == cost.requests else f"{cost.requests} to {cost.most}",
-            f"{cost.pixels / 1e6:.2f}",
-            f"{cost.seconds:.1f}", f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown",
-        )
-        for world, cost in found
-    ]  # fmt: skip
-    columns = ("strategy", "captures", "Mpx", "seconds", "marked %")
-    console.table(("world", *columns) if found[-1][0] else columns, rows)
-    if unchecked and any(cost.way.endswith("%") for _, cost in found):
+    _print_costs(priced)
+    if is_unchecked and any(cost.way.endswith("%") for _, cost in priced):
         console.error(_UNCHECKED)
+
+
+def _totals(priced: Sequence[tuple[str, Any]]) -> list[Any]:
+    """Return the costs of all worlds together, one for each way."""
+    by_way: dict[str, Any] = {}
+    for _, cost in priced:
+        by_way[cost.way] = by_way[cost.way] + cost if cost.way in by_way else cost
+    return list(by_way.values())
+
+
+def _plain_cost(world: str, cost: Any) -> dict[str, Any]:
+    """Return a cost as plain values, with the name of its world if it has one."""
+    values = asdict(cost)
+    return {"world": world, **values} if world else values
+
+
+def _print_costs(priced: Sequence[tuple[str, Any]]) -> None:
+    """Print the table of costs, with a column of worlds if they have names."""
+    columns = ["strategy", "captures", "Mpx", "seconds", "marked %"]
+    has_worlds = bool(priced[-1][0])
+    if has_worlds:
+        columns.insert(0, "world")
+    rows = []
+    for name, cost in priced:
+        captures = str(cost.requests) if cost.most == cost.requests else f"{cost.requests} to {cost.most}"
+        marked = f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown"
+        row = [cost.way, captures, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}", marked]
+        rows.append([name, *row] if has_worlds else row)
+    console.table(columns, rows)
 
 
 # -- job -------------------------------------------------------------------------------------------------
@@ -261,6 +290,7 @@ def key_rows() -> Iterator[tuple[str, str, str]]:
 
 
 def _shown_default(value: Any) -> str:
+    """Return the default of a key, as files have it."""
     if value is MISSING:
         return "required"
     if value is None or value == () or is_dataclass(value):
@@ -298,13 +328,16 @@ def _check(file: Path) -> None:
         dataset = bool(job.worlds) or job.recipe != Recipe()
         known = check_worlds(job, dataset=dataset)
     for world in known.each:
-        cameras = len(world.cameras)
-        poses = len(world.poses)
-        at = f"{poses} pose{'s' * (poses != 1)}" if poses else "poses sampled in the source"
         start = f"{file}: worlds.{world.world}" if world.world else file
-        what = f"{cameras} camera{'s' * (cameras != 1)}"
-        console.line(f"{start}: {what} at {at}, of {', '.join(world.sources)}")
+        cameras = _count(len(world.cameras), "camera")
+        poses = _count(len(world.poses), "pose") if world.poses else "poses sampled in the source"
+        console.line(f"{start}: {cameras} at {poses}, of {', '.join(world.sources)}")
     if known.worlds:
         console.line(f"{file}: {sum(map(len, known.worlds))} images of {len(known.worlds)} worlds")
     for name, camera in known.cameras.items():
         console.line(f"{name}: {camera}")
+
+
+def _count(number: int, noun: str) -> str:
+    """Return ``1 camera``, ``2 cameras``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -69,9 +69,15 @@ def size(text: str) -> tuple[int, int]:
 
 
 def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ...]:
-    """Return ``0,0,1.5`` as numbers, as many as the example has."""
+    """Return the numbers of a text such as ``0,0,1.5``.
+
+    Args:
+        option: that has it, for messages.
+        text: as it was given.
+        example: has as many numbers.
+    """
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(map(float, text.split(",")))
     except ValueError:
         values = ()
     if len(values) != len(example.split(",")):
@@ -83,6 +89,10 @@ def setting(text: str, example: str = "strategy=exact or camera.fov_deg=185") ->
     """Return ``--set KEY=VALUE`` as a dotted key and YAML's value.
 
     ``camera.`` and ``pose.`` at the start stand for every camera and every pose.
+
+    Args:
+        text: as it was given.
+        example: of one, for messages.
     """
     from omniscv.storage import bounded
 
@@ -96,7 +106,13 @@ def setting(text: str, example: str = "strategy=exact or camera.fov_deg=185") ->
 
 
 def wrong(option: str, expected: str, text: str) -> ArgumentError:
-    """Return the error of an option's value."""
+    """Return the error of an option's value.
+
+    Args:
+        option: that has it.
+        expected: what it takes.
+        text: as it was given.
+    """
     from omniscv.arguments import shown  # loads NumPy, which help does without
 
     return ArgumentError(f"{option}: expected {expected}, got {shown(text)}")
@@ -122,7 +138,12 @@ class JobOption(NamedTuple):
     complete: Callable[[], Iterable[str]] | None = None
 
     def parameter(self, name: str, shows_default: bool) -> Parameter:
-        """Return the parameter of a command for typer."""
+        """Return the parameter of a command for typer.
+
+        Args:
+            name: of the parameter, from which that of the option follows.
+            shows_default: whether the help shows the default.
+        """
         option = Option(
             self.default,
             f"--{name.replace('_', '-')}",
@@ -135,7 +156,12 @@ class JobOption(NamedTuple):
 
 
 def key(name: str, value_of: Callable[[Any], Any] = lambda value: value) -> Callable[[Any], Keys]:
-    """Return the ``keys`` of an option that stands for one key."""
+    """Return the ``keys`` of an option that stands for one key.
+
+    Args:
+        name: of the key, dotted.
+        value_of: returns the key's value by the option's; the same if not given.
+    """
     return lambda value: {name: value_of(value)}
 
 
@@ -148,7 +174,8 @@ def _models() -> Iterator[str]:
 def _key_names() -> Iterator[str]:
     from omniscv.job import keys
 
-    yield from (f"{key.name}=" for key in keys())
+    for key in keys():
+        yield f"{key.name}="
 
 
 def is_calibration(camera: str) -> bool:
@@ -162,8 +189,19 @@ def _camera(text: str) -> Keys:
     return {"cameras": {name: {"file" if is_file else "model": text}}, "rig": None}
 
 
+def _modes(text: str) -> tuple[str, ...]:
+    """Return the words of a text with commas, each once."""
+    return tuple(dict.fromkeys(map(str.strip, text.split(","))))
+
+
+def _size(text: str) -> Keys:
+    """Return the keys of ``--size``."""
+    width, height = size(text)
+    return {"cameras.*.width": width, "cameras.*.height": height}
+
+
 MODES = JobOption(
-    key("modes", lambda text: tuple(dict.fromkeys(part.strip() for part in text.split(",")))),
+    key("modes", _modes),
     str,
     "lit",
     "Some of lit,object_mask (or mask),depth,normals.",
@@ -185,7 +223,7 @@ VIEW: Mapping[str, JobOption] = {
         _models,
     ),
     "size": JobOption(
-        lambda text: dict(zip(("cameras.*.width", "cameras.*.height"), size(text), strict=True)),
+        _size,
         str,
         "1024x512",
         "Width x height of the image, px.",
@@ -247,36 +285,68 @@ class JobArguments:
 
         A line on standard error says which options override keys of a file.
         """
-        from omniscv.job import address, load, overridden, read
+        from omniscv.job import load
 
-        camera = self.values.get("camera", "")
-        from_file = is_calibration(camera)
-        unsized = from_file or camera == "lidar"  # others get the default size
-        if self.file is None:
-            if "position" in self.options and "position" not in self.given:
-                self.values["position"] = _only_place(self.values["source"]) or self.values["position"]
-            names = self.options.keys() - ({"size"} - self.given if unsized else set())
-            job = read(overridden(self.described, self._keys(names)), Path())
-        else:
-            keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
-            if self.file.resolve().parent != Path.cwd():
-                given = {name: keys[name] for name in _PATHS if keys.get(name) is not None}
-                keys |= {name: address(path, Path.cwd()) for name, path in given.items()}
-                for described in keys.get("cameras", {}).values() if from_file else ():
-                    described["file"] = str(Path.cwd() / described["file"])
-            job = load(self.file, keys)
+        job = self._described_job() if self.file is None else load(self.file, self._overriding_keys())
         for line in job.assumed.splitlines():
             console.error(line)
-        overriding = []
-        for name in self._ordered(self.given) if self.file else ():
-            values = self.options[name].keys(self.values[name])
-            changed = " and ".join(key for key, value in values.items() if value is not None or name == "set")
-            overriding.append(f"--{name.replace('_', '-')} overrides {changed}")
-        if overriding:
-            console.error(f"{self.file}: {'; '.join(overriding)}")
+        if self.file is not None:
+            self._say_what_is_overridden()
         return job
 
+    @property
+    def _needs_size(self) -> bool:
+        """Whether ``--camera`` is a model that has no size of its own."""
+        camera = self.values.get("camera", "")
+        return not is_calibration(camera) and camera != "lidar"
+
+    def _described_job(self) -> Job:
+        """Return the job of all options."""
+        from omniscv.job import overridden, read
+
+        if "position" in self.options and "position" not in self.given:
+            place = _only_place(self.values["source"])
+            if place is not None:
+                self.values["position"] = place
+        names = set(self.options)
+        if not self._needs_size and "size" not in self.given:
+            names.discard("size")
+        return read(overridden(self.described, self._keys(names)), Path())
+
+    def _overriding_keys(self) -> Keys:
+        """Return the keys of given options; paths in them are relative to the working folder, not the
+        file's."""
+        from omniscv.job import address
+
+        assert self.file is not None
+        names = set(self.given)
+        if "camera" in self.given and self._needs_size:
+            names.add("size")
+        keys = self._keys(names)
+        if self.file.resolve().parent == Path.cwd():
+            return keys
+        for name in _PATHS:
+            if keys.get(name) is not None:
+                keys[name] = address(keys[name], Path.cwd())
+        if is_calibration(self.values.get("camera", "")):
+            for camera in keys.get("cameras", {}).values():
+                camera["file"] = str(Path.cwd() / camera["file"])
+        return keys
+
+    def _say_what_is_overridden(self) -> None:
+        """Print which options override keys of the file, if any does."""
+        overriding = []
+        for name in self._ordered(self.given):
+            changed = []
+            for key, value in self.options[name].keys(self.values[name]).items():
+                if value is not None or name == "set":
+                    changed.append(key)
+            overriding.append(f"--{name.replace('_', '-')} overrides {' and '.join(changed)}")
+        if overriding:
+            console.error(f"{self.file}: {'; '.join(overriding)}")
+
     def _keys(self, names: Iterable[str]) -> Keys:
+        """Return the keys that options set, by their names."""
         keys: Keys = {}
         for name in self._ordered(names):
             if self.values[name] not in (None, []):
@@ -285,7 +355,8 @@ class JobArguments:
 
     def _ordered(self, names: Iterable[str]) -> list[str]:
         """Return names in the order of the options: a camera before its size, ``--set`` last."""
-        return sorted(names, key=[*(name for name in self.options if name != "set"), "set"].index)
+        order = [name for name in self.options if name != "set"]
+        return sorted(names, key=[*order, "set"].index)
 
 
 def _only_place(source: object) -> str | None:
@@ -302,12 +373,15 @@ def _only_place(source: object) -> str | None:
 
 def with_blocks(body: Callable[..., None]) -> Callable[..., None]:
     """Return a command that has the fields of its dataclass parameters as options of their own."""
-    parameters = signature(body, eval_str=True).parameters.values()
-    blocks: dict[str, Any] = {
-        parameter.name: parameter.annotation
-        for parameter in parameters
-        if is_dataclass(parameter.annotation) and parameter.annotation is not JobArguments
-    }
+    blocks: dict[str, Any] = {}
+    options: list[Parameter] = []
+    for parameter in signature(body, eval_str=True).parameters.values():
+        block = parameter.annotation
+        if is_dataclass(block) and block is not JobArguments:
+            blocks[parameter.name] = block
+            options += signature(blocks[parameter.name], eval_str=True).parameters.values()
+        else:
+            options.append(parameter)
 
     @wraps(body)
     def command(**values: Any) -> None:
@@ -315,15 +389,7 @@ def with_blocks(body: Callable[..., None]) -> Callable[..., None]:
             values[name] = block(**{option.name: values.pop(option.name) for option in fields(block)})
         body(**values)
 
-    options = [
-        option.replace(kind=Parameter.KEYWORD_ONLY)
-        for parameter in parameters
-        for option in (
-            signature(blocks[parameter.name], eval_str=True).parameters.values()
-            if parameter.name in blocks
-            else [parameter]
-        )
-    ]
+    options = [option.replace(kind=Parameter.KEYWORD_ONLY) for option in options]
     command.__signature__ = Signature(options)  # type: ignore[attr-defined]
     command.__annotations__ = {}
     return command
@@ -345,23 +411,26 @@ def with_job(
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
         @wraps(body)
         def command(context: Context, job: Path | None, **values: Any) -> None:
-            origins = {name: context.get_parameter_source(name) for name in options}
-            given = frozenset(
-                name for name, origin in origins.items() if origin and origin.name == "COMMANDLINE"
-            )
-            of_job = {name: values.pop(name) for name in options}
-            body(job=JobArguments(job, options, of_job, given), **values)
+            """Call the body with the arguments of the job in ``job``; ``context`` knows which were given."""
+            given = set()
+            of_job = {}
+            for name in options:
+                origin = context.get_parameter_source(name)
+                if origin and origin.name == "COMMANDLINE":
+                    given.add(name)
+                of_job[name] = values.pop(name)
+            body(job=JobArguments(job, options, of_job, frozenset(given)), **values)
 
-        parameters = signature(body, eval_str=True).parameters.values()
-        others = [parameter for parameter in parameters if parameter.name != "job"]
-        command.__signature__ = Signature(  # type: ignore[attr-defined]
-            [
-                Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
-                Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
-                *(option.parameter(name, not needs_file) for name, option in options.items()),
-                *(parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in others),
-            ]
-        )
+        parameters = [
+            Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
+            Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
+        ]
+        for name, option in options.items():
+            parameters.append(option.parameter(name, shows_default=not needs_file))
+        for parameter in signature(body, eval_str=True).parameters.values():
+            if parameter.name != "job":
+                parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+        command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         command.__annotations__ = {}
         return command
 

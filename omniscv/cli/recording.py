@@ -36,8 +36,9 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
         for name, state in states.items():
             instant = state["instant"] or {"time": None, "poses": {}, "hidden": []}
             time = "" if instant["time"] is None else f"{instant['time']:.9g} s"
-            names = (", ".join(sorted(instant[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
-            rows.append((name or "still", state["captures"], time, *names))
+            placed = ", ".join(sorted(instant["poses"])[:_MOST_NAMES])
+            hidden = ", ".join(sorted(instant["hidden"])[:_MOST_NAMES])
+            rows.append((name or "still", state["captures"], time, placed, hidden))
         console.table(("state", "captures", "time", "placed", "hidden"), rows)
 
 
@@ -83,8 +84,9 @@ class _Said:
         values = {name: value for name, value in vars(self).items() if value}
         if "position" in values:
             values["position"] = options.numbers("--position", values["position"])
-        if (yaw := values.pop("yaw", self.yaw)) is not None:
-            values["yaw_deg"] = yaw
+        values.pop("yaw", None)
+        if self.yaw is not None:
+            values["yaw_deg"] = self.yaw
         return values
 
 
@@ -105,7 +107,8 @@ def import_(
     from omniscv.importing import folders, importing
 
     if (pictures / folders.INDEX).exists():
-        if given := said.given():
+        given = said.given()
+        if given:
             raise ArgumentError(f"{next(iter(given))}: expected none, because {folders.INDEX} says it")
         console.line(f"{file}: {folders.import_folder(pictures, file)} captures")
         return

@@ -53,12 +53,12 @@ def look(
     from omniscv.viewing.look import look
 
     with display("frames", progress) as shown:
-        page, *rest = look(
+        files = look(
             what, out, size=options.size(size), rerun=rerun, progress=shown.steps, warn=console.error
         )
-    console.line(page)
+    console.line(files[0])
     if rerun is not None:
-        console.line(rest[-1])
+        console.line(files[-1])
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,16 @@ def _check_charts() -> None:
 
 
 def _measured_own(given: Mapping[str, Any], progress: Any) -> Any:
+    """Return the rows of a camera of one's own, by the options that are given."""
     from omniscv.chart.accuracy import measure_own
     from omniscv.sources.registry import open_sources
 
-    known = {field.name: options.VIEW[field.name] for field in fields(Own)}
-    values = {name: given.get(name, option.default) for name, option in known.items()}
+    known = {}
+    values = {}
+    for field in fields(Own):
+        option = options.VIEW[field.name]
+        known[field.name] = option
+        values[field.name] = given.get(field.name, option.default)
     job = options.JobArguments(None, known, values, frozenset(given)).load()
     ((name, camera),) = job.cameras.items()
     with open_sources(job.sources, **job.source_options) as opened:
@@ -137,14 +142,17 @@ def evaluate(
     from omniscv.evaluate import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)
-    files = {"predictions": predictions, "trajectory": trajectory}
-    options = {key: path for key, path in files.items() if path is not None}
+    options: dict[str, Any] = {}
+    if predictions is not None:
+        options["predictions"] = predictions
+    if trajectory is not None:
+        options["trajectory"] = trajectory
     with display(name, progress) as shown:
         report = run(name, Settings(out, quick, source, options, shown.steps))
-    rows = [
-        (row.name, f"{row.value:.4g} {row.unit}", "" if row.paper is None else f"{row.paper:g}", row.n)
-        for row in report.figures
-    ]
+    rows = []
+    for row in report.figures:
+        paper = "" if row.paper is None else f"{row.paper:g}"
+        rows.append((row.name, f"{row.value:.4g} {row.unit}", paper, row.n))
     console.table((name, "ours", "paper", "n"), rows)
     for path in report.write(name, out):
         console.line(path)

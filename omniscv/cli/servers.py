@@ -56,13 +56,22 @@ def scenes(
 def _list_scenes(as_json: bool) -> None:
     import mock_server
 
-    columns = ("scene", "objects", "moving", "description")
-    loaded = {name: mock_server.load_scene(name) for name in mock_server.scene_names()}
-    rows = [(name, len(s.objects), len(s.moving), mock_server.summary(name)) for name, s in loaded.items()]
+    descriptions = []
+    for name in mock_server.scene_names():
+        scene = mock_server.load_scene(name)
+        descriptions.append(
+            {
+                "scene": name,
+                "objects": len(scene.objects),
+                "moving": len(scene.moving),
+                "description": mock_server.summary(name),
+            }
+        )
     if as_json:
-        console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
+        console.as_json(descriptions)
     else:
-        console.table(columns, rows)
+        rows = [tuple(description.values()) for description in descriptions]
+        console.table(("scene", "objects", "moving", "description"), rows)
 
 
 def _describe_scene(name: str, as_json: bool) -> None:
@@ -72,17 +81,23 @@ def _describe_scene(name: str, as_json: bool) -> None:
         scene = mock_server.load_scene(name)
     except ValueError as wrong:
         raise ArgumentError(str(wrong)) from wrong
-    boxes = {key: [corner.tolist() for corner in scene.bounds(key)] for key in scene.objects}
+    objects = {}
+    rows = []
+    for key in scene.objects:
+        least, greatest = scene.bounds(key)
+        moves = key in scene.moving
+        objects[key] = {"box_m": [least.tolist(), greatest.tolist()], "moves": moves}
+        rows.append((key, _corner(least), _corner(greatest), "yes" if moves else ""))
     if as_json:
-        objects = {key: {"box_m": box, "moves": key in scene.moving} for key, box in boxes.items()}
         console.as_json({"scene": scene.name, "description": mock_server.summary(name), "objects": objects})
         return
     console.line(f"{scene.name}: {mock_server.summary(name)}")
-    rows = []
-    for key, box in boxes.items():
-        least, greatest = (" ".join(f"{x:.4g}" for x in corner) for corner in box)
-        rows.append((key, least, greatest, "yes" if key in scene.moving else ""))
     console.table(("object", "least corner m", "greatest corner m", "moves"), rows)
+
+
+def _corner(corner: Any) -> str:
+    """Return a corner (3,), metres, as text."""
+    return " ".join(f"{coordinate:.4g}" for coordinate in corner.tolist())
 
 
 @app.command(
@@ -143,8 +158,8 @@ def doctor(
     Exit code 1 if something is bad.
     """
     if (uri is None) != self:
-        got = "both" if self else "none"
-        raise ArgumentError(f"doctor: expected the address of a server or --self, got {got}")
+        both = "both" if self else "none"
+        raise ArgumentError(f"doctor: expected the address of a server or --self, got {both}")
     if files.report is not None and not (uri or "").startswith(("unreal", "mock:")):
         raise ArgumentError(f"--report: expected an address unreal:// or mock://, got {uri or 'none'}")
     if uri is None:
@@ -152,27 +167,39 @@ def doctor(
 
         findings = examine_installation()
     else:
-        import numpy as np
-
-        from omniscv.diagnostics.doctor import examine_address
-
-        where = None if position is None else np.array(options.numbers("--position", position))
-        values = {"depth": files.depth, "intrinsics": files.intrinsics}
-        said = {name: value for name, value in values.items() if value is not None}
-        frames: dict[str, Any] = {"layout": files.layout, "said": said}
-        deadlines = waiting.deadlines()
-        findings = examine_address(uri, where, quick, picture=files.picture, **frames, **deadlines)
-        if files.report is not None:
-            from omniscv.diagnostics.report import write_report
-
-            write_report(uri, findings, files.report, where, **deadlines)
+        findings = _examined(uri, quick, position, files, waiting)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:
-        for each in findings:
-            remedy = f": {each.remedy}" if each.remedy else ""
-            console.line(f"{each.verdict:<8} {each.name}: {each.value}{remedy}")
+        for finding in findings:
+            remedy = f": {finding.remedy}" if finding.remedy else ""
+            console.line(f"{finding.verdict:<8} {finding.name}: {finding.value}{remedy}")
     else:
         rows = [(finding.verdict, finding.name, finding.value, finding.remedy) for finding in findings]
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)
     raise Exit(1 if any(finding.verdict == "bad" for finding in findings) else 0)
+
+
+def _examined(
+    uri: str, quick: bool, position: str | None, files: _Files, waiting: options.Waiting
+) -> list[Any]:
+    """Return the findings of an address, and write the files that are asked for; see :func:`doctor`."""
+    import numpy as np
+
+    from omniscv.diagnostics.doctor import examine_address
+
+    where = None if position is None else np.array(options.numbers("--position", position))
+    words: dict[str, Any] = {}
+    if files.depth is not None:
+        words["depth"] = files.depth
+    if files.intrinsics is not None:
+        words["intrinsics"] = files.intrinsics
+    deadlines = waiting.deadlines()
+    findings = examine_address(
+        uri, where, quick, picture=files.picture, layout=files.layout, said=words, **deadlines
+    )
+    if files.report is not None:
+        from omniscv.diagnostics.report import write_report
+
+        write_report(uri, findings, files.report, where, **deadlines)
+    return findings
