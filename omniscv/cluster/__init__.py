@@ -38,9 +38,11 @@ class Progress:
     """How far a run is.
 
     Attributes:
-        frames, of_frames: that are made or were there, and all.
-        parts, of_parts: that are finished, and all.
-        workers: that are there.
+        frames: that are made, or existed.
+        of_frames: all that are to be made.
+        parts: that are finished.
+        of_parts: all that are to be finished.
+        workers: that take tasks.
     """
 
     frames: int
@@ -103,9 +105,9 @@ def _alone(client: Client, warn: Callable[[str], None]) -> Iterator[None]:
     if not lock.acquire(timeout=1):
         warn(f"another run uses this scheduler, or was just killed; waiting {_LOCK_WAIT_S:.0f} s")
         if not lock.acquire(timeout=_LOCK_WAIT_S):
-            got = f"got {client.scheduler.address}, which another run uses"
+            busy = f"{client.scheduler.address}, which another run uses"
             raise ClusterError(
-                f"--cluster: expected a scheduler for this job alone, {got}; start another one"
+                f"--cluster: expected a scheduler for this job alone, got {busy}; start another one"
             )
     try:
         yield
@@ -163,8 +165,8 @@ class _Run:
             raise ClusterError(f"--cluster: {wanted}, one is frozen, or unreachable; end it") from cause
         for answer in answers.values():
             if answer["status"] == "error":
-                got = answer.get("exception_text", answer)
-                raise ClusterError(f"--cluster: expected workers that take the job, got: {got}")
+                fault = answer.get("exception_text", answer)
+                raise ClusterError(f"--cluster: expected workers that take the job, got: {fault}")
 
     def with_poses(self, job: Job) -> Job:
         """Return a job with the poses that a worker's sources give, and the places of all."""
@@ -175,17 +177,29 @@ class _Run:
         return job if job.worlds else with_places(job)
 
     def make_parts(self, job: Job, chosen: Collection[str] | None) -> tuple[int, Made]:
-        """Make all parts; return their number, and the counts of frames."""
-        frames = sum(len(world) for world in job.each) if chosen is None else len(chosen)
+        """Make all parts of a ``job``; return their number, and the counts of frames.
+
+        ``chosen`` are the keys of the frames that are made; None: all frames are.
+        """
+        frames = sum(map(len, job.each)) if chosen is None else len(chosen)
         parts = parts_of(job, frames)
         tasks = [Task(f"part {part.index}", make_part, (part,)) for part in parts]
-        written = kept = failed = finished = 0
+        written = 0
+        kept = 0
+        failed = 0
+        finished = 0
         said: set[str] = set()
 
         def report() -> None:
             if self._progress:
-                counts = written + kept, frames, finished, len(parts)
-                self._progress(Progress(*counts, workers=self._tasks.workers))
+                state = Progress(
+                    frames=written + kept,
+                    of_frames=frames,
+                    parts=finished,
+                    of_parts=len(parts),
+                    workers=self._tasks.workers,
+                )
+                self._progress(state)
 
         with self.registered(JobPlugin(self.name, job, chosen)):
             for task, result in self._tasks.results(tasks, job.failures.skip * frames, report):

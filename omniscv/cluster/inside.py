@@ -1,7 +1,7 @@
 """What runs inside workers: their server, the job, and its parts.
 
-A worker says by events what it begins, so that the frame is known that ends a process; and it returns what
-fails: it neither waits nor tries again, because another worker may be free.
+A worker sends an event before each frame. If its process ends, the last event names the frame that ended it.
+A worker returns a failure at once: it neither waits nor tries again, because another worker may be free.
 """
 
 import asyncio
@@ -32,9 +32,10 @@ from omniscv.sources.registry import SourceOptions, open_source
 T = TypeVar("T")
 
 _FLUSH_S = 0.005
+"""Seconds in which an event leaves the process, before a frame that may end it."""
 _SLOW_FLUSH_S = 0.1
-"""Seconds for an event to leave the process, before a frame that may end it; the latter after it did."""
-_NEWS_EVERY_S = 5.0
+"""The same for a task of which a worker has ended before."""
+_NEWS_EVERY_S = 5.0  # events of progress within a frame
 
 
 class How(NamedTuple):
@@ -70,8 +71,12 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
     """The server of a worker: a game that it launches, one at an address, or a mock server.
 
     It is opened by the first task, not when the worker starts: a game may take minutes, and Dask takes a
-    worker that does not answer meanwhile for dead. Of several addresses it is that of the worker's number;
-    without addresses tasks open their own.
+    worker that does not answer meanwhile for dead.
+
+    Args:
+        run: the name of the run.
+        addresses: of the source: one, or one for each worker by its number; empty if tasks open their own.
+        options: with which the source is opened.
     """
 
     def __init__(self, run: str, addresses: Sequence[str], options: SourceOptions) -> None:
@@ -128,10 +133,18 @@ class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported w
 
 
 def make_part(run: str, task: int, how: How, part: Part) -> tuple[Made, list[str]] | Failure:
-    """Make a part of the run's job; return the counts of its frames, and lines about them."""
+    """Make a part of the run's job; return the counts of its frames, and lines about them.
+
+    Args:
+        run: the name of the run.
+        task: its number.
+        how: it is done.
+        part: to be made.
+    """
     lines: list[str] = []
 
     def work(source: Source | None, begins: Callable[[str], None], heard: Callable[[Progress], None]) -> Made:
+        """Make the part in a ``source``; ``begins`` gets the keys of frames, ``heard`` the progress."""
         plugin = get_worker().plugins[_job(run)]
         return run_part(
             plugin.job,
@@ -150,7 +163,14 @@ def make_part(run: str, task: int, how: How, part: Part) -> tuple[Made, list[str
 
 
 def with_poses(run: str, task: int, how: How, job: Job) -> Job | Failure:
-    """Return a job with the poses that it samples in the worker's source, or in the sources of its worlds."""
+    """Return a job with the poses that it samples in the worker's source, or in the sources of its worlds.
+
+    Args:
+        run: the name of the run.
+        task: its number.
+        how: it is done.
+        job: whose poses are sampled.
+    """
 
     def work(source: Source | None, *_: object) -> Job:
         if job.worlds:
@@ -169,21 +189,22 @@ def _done(run: str, task: int, how: How, work: Callable[..., T]) -> T | Failure:
     last_s = 0.0
     is_counted = False
 
-    def tell(frame: str, missing: int | None = None) -> None:
+    def send_event(frame: str, missing: int | None = None) -> None:
+        """Send an event: the ``frame`` that is begun, and how many frames are ``missing`` at the start."""
         nonlocal last_s
         last_s = time.monotonic()
         event = {"task": task, "name": names[1], "frame": frame, "missing": missing}
         worker.log_event(run, event)  # Dask adds the worker's address
 
     def begins(frame: str) -> None:
-        tell(frame)
+        send_event(frame)
         time.sleep(_SLOW_FLUSH_S if how.carefully else _FLUSH_S)
 
     def heard(progress: Progress) -> None:
         nonlocal is_counted
         if not is_counted or time.monotonic() - last_s > _NEWS_EVERY_S:
             is_counted = True
-            tell("", progress.of_images)
+            send_event("", progress.of_images)
 
     begins("")
     try:

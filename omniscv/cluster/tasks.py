@@ -144,7 +144,7 @@ class Tasks:
             while True:
                 news.append(self._news.get_nowait())
         except queue.Empty:
-            return sorted(news, key=lambda each: not isinstance(each, dict))  # what was begun, then results
+            return sorted(news, key=lambda item: not isinstance(item, dict))  # what was begun, then results
 
     # -- submitting ---------------------------------------------------------------------------------------
 
@@ -284,11 +284,10 @@ class Tasks:
             answer = self._client.sync(identity, n_workers=-1, callback_timeout=_ANSWER_S)
         except (OSError, TimeoutError, AttributeError, ValueError) as cause:
             raise self._lost_scheduler() from cause
-        workers = {
-            address: str(worker["name"])
-            for address, worker in answer["workers"].items()
-            if RESOURCE.keys() <= worker["resources"].keys()
-        }
+        workers = {}
+        for address, worker in answer["workers"].items():
+            if RESOURCE.keys() <= worker["resources"].keys():
+                workers[address] = str(worker["name"])
         if workers and not self._alive:
             self._heard()
         gone = self._taken_back(self._alive.keys() - workers.keys(), may_lose)
@@ -298,22 +297,24 @@ class Tasks:
 
     def _taken_back(self, addresses: Set[str], may_lose: float) -> list[tuple[int, Task]]:
         """Take back the tasks of workers that are gone, which Dask would give to others as they are."""
-        gone = [
-            future
-            for future, (_, task) in self._running.items()
-            if task.worker[0] in addresses and future.status == "pending"
-        ]
+        gone = []
+        tasks = []
+        for future, (number, task) in self._running.items():
+            if task.worker[0] in addresses and future.status == "pending":
+                gone.append(future)
+                tasks.append((number, task))
         self._client.cancel(gone, force=True)
-        tasks = [self._running.pop(future) for future in gone]
+        for future in gone:
+            del self._running[future]
         for _, task in tasks:
             self._die(task, task.worker[0], may_lose)
         return tasks
 
     def _say_silence(self, seconds: float) -> None:
         if seconds > self._patience_s:
-            got = f"got {self.workers} workers, and nothing for {self._patience_s:.0f} s"
+            silence = f"{self.workers} workers, and nothing for {self._patience_s:.0f} s"
             raise ClusterError(
-                f"expected workers that make frames, {got}; {_AGAIN}, with --patience for longer"
+                f"expected workers that make frames, got {silence}; {_AGAIN}, with --patience for longer"
             )
         wait_s = self._line_s if not self._alive else max(self._line_s, _LINES_EVERY_S)
         if seconds < wait_s:
@@ -323,8 +324,10 @@ class Tasks:
         if not self._alive:
             self._warn(f"0 workers, waiting since {seconds:.0f} s; {patience}")
             return
-        begun = [task for _, task in self._running.values() if task.worker[0]]
-        busy = [f"{task.worker[1]} at {task.frame or task.name}" for task in begun]
+        busy = []
+        for _, task in self._running.values():
+            if task.worker[0]:
+                busy.append(f"{task.worker[1]} at {task.frame or task.name}")
         waiting = f"workers {', '.join(busy[:4])}" if busy else f"{self.workers} workers"
         self._warn(f"nothing for {seconds:.0f} s, waiting for {waiting}; {patience}")
 

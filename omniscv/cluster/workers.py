@@ -42,7 +42,11 @@ _LOGGERS = ("distributed", "tornado", "bokeh", "asyncio")
 def settings() -> dict[str, Any]:
     """Return the ``SETTINGS`` that the user's files and environment for Dask leave open."""
     configured = config.collect()
-    return {key: value for key, value in SETTINGS.items() if config.get(key, None, config=configured) is None}
+    open_settings = {}
+    for key, value in SETTINGS.items():
+        if config.get(key, None, config=configured) is None:
+            open_settings[key] = value
+    return open_settings
 
 
 def dask_setup(worker: object) -> None:
@@ -58,9 +62,9 @@ source, its argument, are each for one worker if there are several."""
 
 def workers_of(place: str) -> Workers:
     """Return the workers that a word describes: ``local:4`` or a scheduler's address."""
-    kind, _, rest = place.partition(":")
-    if kind == "local" and re.fullmatch(r"[1-9][0-9]{0,3}|", rest):
-        return partial(_local, int(rest) if rest else None)
+    kind, _, count = place.partition(":")
+    if kind == "local" and re.fullmatch(r"[1-9][0-9]{0,3}|", count):
+        return partial(_local, int(count) if count else None)
     if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://.+", place):
         return partial(scheduler_at, place)
     raise wrong("--cluster", "local, local:N or a scheduler such as tcp://host:8786", place)
@@ -102,7 +106,16 @@ def _started(workers: int) -> LocalCluster:
 
 @contextmanager
 def scheduler_at(address: str, sources: Sequence[str], timeout_s: float = 10.0) -> Iterator[Client]:
-    """Connect to a running scheduler, such as ``tcp://node7:8786``, whose workers have a server each."""
+    """Connect to a running scheduler whose workers have a server each.
+
+    Args:
+        address: such as ``tcp://node7:8786``.
+        sources: addresses of the job's source; not used, since workers choose theirs by their numbers.
+        timeout_s: of connecting, seconds.
+
+    Raises:
+        ClusterError: no scheduler is there, or workers lack the resource ``server``.
+    """
     with _quiet():
         try:
             client = Client(address, timeout=timeout_s, set_as_default=False)
@@ -110,10 +123,10 @@ def scheduler_at(address: str, sources: Sequence[str], timeout_s: float = 10.0) 
             wanted = f"expected a scheduler of Dask at {address}"
             raise ClusterError(f"{wanted}, got: {cause}; start it with 'dask scheduler'") from cause
         with client:
-            workers = client.scheduler_info(n_workers=-1)["workers"].values()
-            names = [
-                worker["name"] for worker in workers if not RESOURCE.keys() <= worker["resources"].keys()
-            ]
+            names = []
+            for worker in client.scheduler_info(n_workers=-1)["workers"].values():
+                if not RESOURCE.keys() <= worker["resources"].keys():
+                    names.append(worker["name"])
             if names:
                 wanted = "expected workers started with --resources 'server=1'"
                 raise ClusterError(f"{address}: {wanted}, got {len(names)} without, such as {names[0]}")
@@ -139,9 +152,9 @@ def check_versions(client: Client) -> None:
         if version != own:
             name = workers.get(address, {}).get("name", address)
             wanted = f"expected workers with omniscv {own}, as here"
-            got = f"got {version or 'none'} at worker {name}, {address}"
+            other = f"{version or 'none'} at worker {name}, {address}"
             advice = f"install it there: pip install 'omniscv[cluster]=={own}'"
-            raise ClusterError(f"--cluster: {wanted}, {got}; {advice}")
+            raise ClusterError(f"--cluster: {wanted}, got {other}; {advice}")
 
 
 @contextmanager

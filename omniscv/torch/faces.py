@@ -110,15 +110,22 @@ class Faces:
         valid = _valid(camera, self._device)
         rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
         step = max(1, rays // valid.numel())
-        starts = range(0, len(rotations), step)
-        blocks = [self._sample(camera, valid, rotations[i : i + step]) for i in starts]
-        if unseen := int(sum(count for _, count in blocks)):  # here the processor waits for the device
+        blocks = []
+        counts = []
+        for start in range(0, len(rotations), step):
+            layers, count = self._sample(camera, valid, rotations[start : start + step])
+            blocks.append(layers)
+            counts.append(count)
+        if unseen := int(sum(counts)):  # here the processor waits for the device
             views = len(next(iter(self._tiles.values()))[0])
             here = f"{views} views at {self.position.tolist()} m"
             raise MissingCaptureError(f"expected {here} to see all rays, but {unseen} are in none")
         if len(blocks) == 1:
-            return blocks[0][0]
-        return {name: torch.cat([layers[name] for layers, _ in blocks]) for name in blocks[0][0]}
+            return blocks[0]
+        joined = {}
+        for name in blocks[0]:
+            joined[name] = torch.cat([layers[name] for layers in blocks])
+        return joined
 
     @property
     def tensors(self) -> dict[str, Tensor]:
@@ -137,18 +144,17 @@ class Faces:
         unseen = 0
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
-                lookups[views] = (
-                    ProcessorLookup(camera, views, R_w_c)
-                    if self._on_processor
-                    else DeviceLookup(camera, views, R_w_c, self._device)
-                )
+                if self._on_processor:
+                    lookups[views] = ProcessorLookup(camera, views, R_w_c)
+                else:
+                    lookups[views] = DeviceLookup(camera, views, R_w_c, self._device)
                 unseen += lookups[views].unseen
             values = tiles.sample(lookups[views])
-            row = modalities.get(name)
-            if row.interpolation == "direction":
-                turn = torch.from_numpy(np.array(R_w_c).swapaxes(1, 2)).to(self._device)
-                values = (turn @ values.double()).float()
-            layers[name] = _as_images(values, valid, row.outside)
+            modality = modalities.get(name)
+            if modality.interpolation == "direction":
+                R_c_w = torch.from_numpy(np.array(R_w_c).swapaxes(1, 2)).to(self._device)
+                values = (R_c_w @ values.double()).float()
+            layers[name] = _as_images(values, valid, modality.outside)
             if name == "labels" and self._class_of is not None:
                 layers["classes"] = self._class_of[layers[name]]
         return layers, unseen
@@ -176,10 +182,11 @@ def _capture(
     camera = create("equirectangular", width=4, height=2)
     plan = Renderer(source).plan(camera, Pose(position, np.eye(3)), options)
     ((_, by_mode),) = captured(next(plan.rounds()), source, modalities.chosen(modes))
-    return {
-        mode: (tuple(c.view for c in captures), [np.asarray(c.pixels) for c in captures])
-        for mode, captures in by_mode.items()
-    }
+    pictures = {}
+    for mode, captures in by_mode.items():
+        views = tuple(capture.view for capture in captures)
+        pictures[mode] = (views, [np.asarray(capture.pixels) for capture in captures])
+    return pictures
 
 
 def _class_of(rules: ClassRules, objects: ObjectTable) -> Tensor:
@@ -197,6 +204,8 @@ def _valid(camera: Camera, device: torch.device) -> Tensor:
 
 def _as_images(values: Tensor, valid: Tensor, outside: float) -> Tensor:
     """(B, N) or (B, C, N) values as images; maps of floats with a channel."""
-    channels = values.shape[1:-1] or (1,) * values.dtype.is_floating_point
+    channels = values.shape[1:-1]
+    if not channels and values.dtype.is_floating_point:
+        channels = torch.Size((1,))
     values = values.reshape(len(values), *channels, *valid.shape)
     return torch.where(valid, values, outside) if outside else values

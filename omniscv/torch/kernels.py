@@ -24,9 +24,15 @@ def look_up(
         directions: (3, count) float64, NaN if not valid.
         turns: (images, VIEWS, 3, 3) float64, to the frames of views.
         projections: (VIEWS, 6) float64: fx, fy, cx and cy from the middle, half the width and height.
-        view, x, y: (images, count), written.
+        view: (images, count) int16, written.
+        x: (images, count) float32, written, px.
+        y: (images, count) float32, written, px.
         unseen: () int32, to which the number of valid rays is added that no view sees.
+        count: of the rays.
+        images: of orientations.
+        VIEWS: their number.
         BEYOND: half sizes of a view within which it sees rays.
+        SIZE: rays of a program.
     """
     image, ray = tl.program_id(0) % images, tl.program_id(0) // images * SIZE + tl.arange(0, SIZE)
     inside = ray < count
@@ -70,8 +76,17 @@ def blend(
     Args:
         picture: (H, width, STEP), an atlas; a pixel is read at once.
         corners: (V, 2) int32, x and y of each view's first pixel in it.
-        view, x, y: as :func:`look_up` writes them.
-        ROUND: to whole numbers.
+        view: as :func:`look_up` writes it.
+        x: as :func:`look_up` writes it.
+        y: as :func:`look_up` writes it.
+        out: (images, CHANNELS, count), written.
+        count: of the rays.
+        images: of orientations.
+        width: of the atlas, px.
+        CHANNELS: that are written.
+        STEP: channels of the atlas, a power of two.
+        ROUND: whether values become whole numbers.
+        SIZE: rays of a program.
     """
     image, ray = tl.program_id(0) % images, tl.program_id(0) // images * SIZE + tl.arange(0, SIZE)
     inside, at = ray < count, image.to(tl.int64) * count + ray
@@ -106,8 +121,17 @@ def take(
     Args:
         stack: (V, height, width, CHANNELS).
         projections: (V, 4) float64: fx, fy, cx, cy.
-        view, x, y: as :func:`look_up` writes them.
+        view: as :func:`look_up` writes it.
+        x: as :func:`look_up` writes it.
+        y: as :func:`look_up` writes it.
+        out: (images, CHANNELS, count), written.
+        count: of the rays.
+        images: of orientations.
+        width: of a view, px.
+        height: of a view, px.
+        CHANNELS: of a pixel.
         ALONG: values are planar depth; write distances along the rays.
+        SIZE: rays of a program.
     """
     image, ray = tl.program_id(0) % images, tl.program_id(0) // images * SIZE + tl.arange(0, SIZE)
     inside, at = ray < count, image.to(tl.int64) * count + ray

@@ -48,7 +48,9 @@ class RandomTurns:
 
     Attributes:
         cameras: central ones, equally likely. Batches need images of one size.
-        yaw_deg, pitch_deg, roll_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
+        yaw_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
+        pitch_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
+        roll_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
     """
 
     cameras: Sequence[Camera] = checked(_cameras)
@@ -59,9 +61,10 @@ class RandomTurns:
     def __call__(self, random: np.random.Generator) -> tuple[Camera, Array]:
         """Return a camera and an orientation (3, 3), camera to world."""
         camera = self.cameras[int(random.integers(len(self.cameras)))]
-        ranges = self.yaw_deg, self.pitch_deg, self.roll_deg
-        angles = [float(random.uniform(*interval)) for interval in ranges]
-        return camera, Pose.from_angles((0, 0, 0), *angles).R_w_c
+        yaw_deg = float(random.uniform(*self.yaw_deg))
+        pitch_deg = float(random.uniform(*self.pitch_deg))
+        roll_deg = float(random.uniform(*self.roll_deg))
+        return camera, Pose.from_angles((0, 0, 0), yaw_deg, pitch_deg, roll_deg).R_w_c
 
 
 class RecordingDataset(Epochs, Dataset[Sample]):
@@ -76,7 +79,8 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         modes: modalities of :mod:`omniscv.modalities`.
         per_center: samples of each centre; those of one follow each other.
         seed: of all draws.
-        truth_scale, classes: as of :class:`Faces`.
+        truth_scale: as of :class:`Faces`.
+        classes: as of :class:`Faces`.
 
     Attributes:
         cache_bytes: most memory of the faces that each process keeps; may be set before the first sample.
@@ -128,12 +132,16 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         self._cache.trim()
         layers = {name: batch[0] for name, batch in faces.render(camera, R_w_c).items()}
         pose = Pose(np.array(center), R_w_c)
-        place = ",".join(f"{value:.3f}" for value in center)
+        x, y, z = center
+        place = f"{x:.3f},{y:.3f},{z:.3f}"
         frame = Frame(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
         return sample_of(frame, layers)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_source", "_cache")}
+        state = dict(vars(self))
+        state.pop("_source", None)  # each process opens the file itself
+        state.pop("_cache", None)
+        return state
 
     @cached_property
     def _source(self) -> RecordedSource:

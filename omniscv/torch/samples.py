@@ -28,7 +28,7 @@ from omniscv.cameras import Camera
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.dataset.shares import Share, samples_of, shuffled
 from omniscv.errors import ArgumentError
-from omniscv.frame import Frame
+from omniscv.frame import FileEntry, Frame
 from omniscv.storage import is_url
 
 LAYERS = ("lit", "labels", "classes", "depth", "normals")
@@ -50,20 +50,27 @@ default_collate_fn_map[Frame] = _as_list  # as torch's default_collate documents
 
 
 def sample_of(frame: Frame, layers: Mapping[str, torch.Tensor], *, directions: bool = False) -> Sample:
-    """Return a sample, with the camera's rays if ``directions``."""
+    """Return the sample of a ``frame`` with its ``layers``, and with the camera's rays if ``directions``."""
     rays, valid = _rays(frame.camera)
-    pose = {
-        "position": torch.tensor(frame.pose.position, dtype=torch.float32),
-        "R_w_c": torch.tensor(frame.pose.R_w_c, dtype=torch.float32),
-    }
-    extra = {DIRECTIONS: rays.clone()} if directions else {}
-    return {**layers, **extra, "valid": valid.clone(), **pose, "record": frame}
+    sample: Sample = dict(layers)
+    if directions:
+        sample[DIRECTIONS] = rays.clone()
+    sample["valid"] = valid.clone()
+    sample["position"] = torch.tensor(frame.pose.position, dtype=torch.float32)
+    sample["R_w_c"] = torch.tensor(frame.pose.R_w_c, dtype=torch.float32)
+    sample["record"] = frame
+    return sample
 
 
 def sample_of_frame(frame: Frame, names: Sequence[str] | None) -> Sample:
-    """Return a frame with files as a sample of these layers; None: of those of ``LAYERS`` that it has."""
-    names = [name for name in LAYERS if name in frame.files] if names is None else names
-    layers = {name: tensor_of(frame.layer(name)) for name in names if name not in (DIRECTIONS, "valid")}
+    """Return a ``frame`` with files as a sample of the layers ``names``; None: of those of ``LAYERS`` that it
+    has."""
+    if names is None:
+        names = [name for name in LAYERS if name in frame.files]
+    layers = {}
+    for name in names:
+        if name not in (DIRECTIONS, "valid"):
+            layers[name] = tensor_of(frame.layer(name))
     small = replace(frame, files={}, instances={}, classes=None)  # what workers send with each sample
     vars(small).update(truth=frame.truth, layout=frame.layout)
     return sample_of(small, layers, directions=DIRECTIONS in names)
@@ -148,8 +155,11 @@ class FolderDataset(Dataset[Sample]):
             one_of("cameras", camera, sorted({frame.camera_name for frame in frames}))
         if split:
             one_of("split", split, sorted({frame.split for frame in frames}))
-        of_split = [frame for frame in frames if split in ("", frame.split)]
-        self.frames = tuple(frame for frame in of_split if not cameras or frame.camera_name in cameras)
+        selected = []
+        for frame in frames:
+            if split in ("", frame.split) and (not cameras or frame.camera_name in cameras):
+                selected.append(frame)
+        self.frames = tuple(selected)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -180,10 +190,11 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         split: only shards of this split; of all if empty.
         shuffle: draw the order from seed and epoch; else it is that of the shards.
         seed: of the order; the same in all ranks.
-        rank, world_size: of this process; those of ``torch.distributed`` or ``torchrun`` if not given.
+        rank: of this process; that of ``torch.distributed`` or ``torchrun`` if not given.
+        world_size: the number of ranks; as of ``rank`` if not given.
         batch_size: that of the loader. All ranks then have the same number of whole batches, whatever their
-            workers, as collective operations need it. What is left of an epoch is left out; with ``shuffle``
-            other samples in each epoch.
+            workers, as collective operations need it. The remaining samples of an epoch are left out; with
+            ``shuffle`` they are others in each epoch.
 
     Raises:
         ArgumentError: the folder has no shards, too few samples for a batch in each rank, or an argument is
@@ -212,11 +223,15 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         # A worker may have another working folder.
         self._folder = storage.folder(folder if is_url(folder) else Path(folder).absolute())
         self._manifest, shards = read_list(self._folder)
-        split_of = {file: file.path.rpartition("-")[0] for file in shards}
         if split:
-            one_of("split", split, sorted(set(split_of.values())))
-        self._shards = [(file, keys) for file, keys in shards.items() if split in ("", split_of[file])]
-        self._count = sum(len(keys) for _, keys in self._shards)
+            one_of("split", split, sorted({_split_of(file) for file in shards}))
+        self._files: list[FileEntry] = []
+        self._keys: list[tuple[str, ...]] = []  # of the samples of each file
+        for file, keys in shards.items():
+            if split in ("", _split_of(file)):
+                self._files.append(file)
+                self._keys.append(keys)
+        self._count = sum(map(len, self._keys))
         if self.batch_size is not None and self._count < self.batch_size * self._rank.count:
             wanted = f"expected samples for a batch of {self.batch_size} in each of {self._rank.count} ranks"
             raise ArgumentError(f"batch_size: {wanted}, got {self._count}")
@@ -227,11 +242,12 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
 
     def __iter__(self) -> Iterator[Sample]:
         bound_threads()
-        keys = [keys for _, keys in self._shards]
         if self.shuffle:
-            groups = shuffled(keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
+            groups = shuffled(self._keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
         else:
-            groups = [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
+            groups = []
+            for number, keys in enumerate(self._keys):
+                groups.append([(number, key) for key in keys])
         part = samples_of(self._count, self._rank, worker_share(), self.batch_size)
         first = 0
         for group in groups:
@@ -245,7 +261,7 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
             shards: dict[int, Shard] = {}
             for number, key in samples:
                 if number not in shards:
-                    shard = Shard(self._folder, self._shards[number][0], self._manifest)
+                    shard = Shard(self._folder, self._files[number], self._manifest)
                     shards[number] = stack.enter_context(closing(shard))
                 sample = sample_of_frame(shards[number].extract(key, kinds, folder), self.layers)
                 for path in folder.iterdir():  # pictures are decoded from files
@@ -253,9 +269,17 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
                 yield sample
 
 
+def _split_of(file: FileEntry) -> str:
+    """Return the split of a shard, ``SPLIT-000000.tar``."""
+    return file.path.rpartition("-")[0]
+
+
 def rank_share(rank: int | None, world_size: int | None) -> Share:
-    """Return the part of a rank: as given, else of ``torch.distributed``, else of ``torchrun``'s ``RANK`` and
-    ``WORLD_SIZE``, else all."""
+    """Return the part of a ``rank`` of ``world_size``.
+
+    If both are None, it is that of ``torch.distributed``, else of ``torchrun``'s ``RANK`` and ``WORLD_SIZE``,
+    else all. ArgumentError: one of them is None, or out of range.
+    """
     if (rank is None) != (world_size is None):
         raise ArgumentError(f"rank: expected both rank and world_size, got {rank} and {world_size}")
     if rank is None or world_size is None:

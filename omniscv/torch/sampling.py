@@ -51,15 +51,25 @@ def _directions(camera: Camera, device: torch.device) -> Tensor:
 def _projections(views: tuple[View, ...], device: torch.device) -> Tensor:
     """Return (V, 6) float64: fx, fy, cx and cy from the picture's middle, half its width and height; px."""
     half = np.array([views[0].width, views[0].height]) / 2
-    rows = [(*view.projection[:2], *(view.projection[2:] - half), *half) for view in views]
-    return torch.tensor(np.array(rows), device=device)
+    rows = np.empty((len(views), 6))
+    for number, view in enumerate(views):
+        rows[number, :2] = view.projection[:2]
+        rows[number, 2:4] = view.projection[2:] - half
+        rows[number, 4:] = half
+    return torch.tensor(rows, device=device)
 
 
 class DeviceLookup:
-    """The views, which share their centre and size, and points of a central camera's N rays in B orientations
-    ``R_w_c`` (B, 3, 3), found on a device.
+    """The views and points of a central camera's N rays in B orientations, found on a device.
+
+    Args:
+        camera: central.
+        views: which share their centre and size.
+        R_w_c: (B, 3, 3) camera to world.
+        device: which has float64 and Triton.
 
     Attributes:
+        shape: B and N.
         arrays: (B, N) int16 the view, -1 if none sees the ray; x, y float32 px in it, pixel centres at .5.
         unseen: how many valid rays no view sees, in all orientations.
     """
@@ -69,8 +79,11 @@ class DeviceLookup:
 
         directions = _directions(camera, device)
         self.shape = len(R_w_c), directions.shape[1]
-        kinds = torch.int16, torch.float32, torch.float32
-        self.arrays = [torch.empty(self.shape, dtype=kind, device=device) for kind in kinds]
+        self.arrays = [
+            torch.empty(self.shape, dtype=torch.int16, device=device),
+            torch.empty(self.shape, dtype=torch.float32, device=device),
+            torch.empty(self.shape, dtype=torch.float32, device=device),
+        ]
         self.unseen = torch.zeros((), dtype=torch.int32, device=device)
         R_d_w = np.array([view.pose.R_w_c.T for view in views])
         turns = torch.from_numpy(R_d_w @ R_w_c[:, None]).to(device)
@@ -79,7 +92,14 @@ class DeviceLookup:
         self.launch(kernels.look_up, *arguments, sizes=(), **constants)
 
     def launch(self, kernel: Any, *arguments: Any, sizes: tuple[int, ...], **constants: Any) -> None:
-        """Run a kernel for all rays, with the numbers of rays and images behind its arguments."""
+        """Run a kernel for all rays.
+
+        Args:
+            kernel: of :mod:`omniscv.torch.kernels`.
+            arguments: its first ones; the numbers of rays and of images follow them.
+            sizes: its last ones.
+            constants: by name, that it is compiled with.
+        """
         images, count = self.shape
         grid = (images * -(-count // constants["SIZE"]),)
         with torch.cuda.device_of(self.unseen):  # else Triton would launch on the current device
@@ -161,12 +181,12 @@ class ProcessorTiles:
         kind = self._interpolation
         stack = self._stack
         filter = "bilinear" if kind == "blended" else "nearest"
-        values = [
-            sampler.sample_depth("nearest", self._depth, None).distance
-            if kind == "surface"
-            else SAMPLE[kind](sampler, filter, stack)
-            for sampler in lookup.samplers
-        ]
+        values = []
+        for sampler in lookup.samplers:
+            if kind == "surface":
+                values.append(sampler.sample_depth("nearest", self._depth, None).distance)
+            else:
+                values.append(SAMPLE[kind](sampler, filter, stack))
         found = torch.from_numpy(np.stack(values))
         if found.ndim == 3:
             return found.movedim(-1, 1).contiguous()
