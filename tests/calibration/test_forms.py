@@ -397,6 +397,8 @@ REFUSED = {
     "gyroflow": (CASES["gyroflow"][0].replace("stretch\": 1.0", "stretch\": 1.3"), "stretch: expected 1"),
     "hugin": (PTO.format(0, 60, 0.1, 0, 0), "odd powers"),
     "hugin's link": (PTO.format(0, 60, 0, 0, 0).replace("v60", "v="), "v: expected"),
+    "hugin's panorama": (PTO.format(4, 360, 0, 0, 0).replace("d2.25 e-1.5", "d0 e0"), "f4: expected a full panorama, 2:1"),
+    "hugin's strip": (PTO.format(4, 359, 0, 0, 0).replace("d2.25 e-1.5", "d0 e0").replace("h480", "h320"), "f4: expected a full"),
     "K1, a rotation vector": (json.dumps({"K1": K, "D1": D5, "K2": K, "D2": D5, "R": [0, 0, 0], "T": [0.1, 0, 0], "image_size": SIZE}), "R: expected a 3 x 3 matrix"),
     "kitti, two of T": (RECT + f"K_00: {flat(K)}\nR_00: {flat(np.eye(3))}\nT_00: 0 0\nD_00: 0 0 0 0 0\n".replace(",", ""), "R_00: expected a 3 x 3 matrix and T"),
     "metashape": (metashape("frame", f=310, k4=0.1), "k4: expected 0"),

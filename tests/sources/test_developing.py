@@ -8,8 +8,9 @@ import omniscv
 from omniscv.cli import run
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.render_options import RenderOptions
-from omniscv.sources.base import Request, View
+from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.developing import Developed
+from omniscv.sources.developing.slips import straightened
 from omniscv.sources.scene import open_scene
 from omniscv.testing import check_source
 
@@ -84,3 +85,16 @@ def test_the_sky_of_a_round_image_is_where_the_object_was():
     assert not image.labels[at].any()
     for layer in ("depth", "labels", "object_mask"):
         np.testing.assert_array_equal(image[layer][~at], plain[layer][~at])
+
+
+@pytest.mark.parametrize("mode", ["lit", "object_mask"])
+def test_a_face_that_was_turned_is_turned_back_pixel_by_pixel(mode):
+    """By nothing, and by a quarter about its axis z, where a ray (x, y) is the turned camera's (y, -x)."""
+    view = View(Pose((0, 0, 0), cube_rotations()[1][1]), 90, EDGE, EDGE)
+    pixels = np.random.default_rng(4).integers(0, 256, (EDGE, EDGE, 3), np.uint8)
+    capture = Capture(Request(view, mode), view, pixels)
+    np.testing.assert_array_equal(straightened(capture, np.zeros(3)).pixels, pixels)
+    axis_w = view.pose.R_w_c[:, 2]
+    v, u = np.mgrid[:EDGE, :EDGE]
+    quarter = straightened(capture, axis_w * np.pi / 2).pixels
+    np.testing.assert_array_equal(quarter, pixels[EDGE - 1 - u, v])
