@@ -283,16 +283,22 @@ def test_imported_colours_state_their_transfer(words, chunks, transfer, tmp_path
 
 
 def test_a_folder_of_captures_states_it_too_and_converts(tmp_path):
+    """Colours are; those of a mask are names of objects, whatever its tags say."""
     (tmp_path / "f").mkdir()
     png(tmp_path / "f/a.png", LINEAR, gAMA=struct.pack(">I", 100_000))
+    png(tmp_path / "f/m.png", LINEAR, gAMA=struct.pack(">I", 100_000))
     view = {"position": [0, 0, 1], "fov_deg": 90, "width": 32, "height": 16}
-    (tmp_path / "f/captures.json").write_text(json.dumps([{"file": "a.png", "mode": "lit", "view": view}]))
+    files = {"lit": "a.png", "object_mask": "m.png"}
+    entries = [{"file": file, "mode": mode, "view": view} for mode, file in files.items()]
+    (tmp_path / "f/captures.json").write_text(json.dumps(entries))
     assert run(tmp_path / "f", tmp_path / "a.sqlite") == 0
     with omniscv.open_source(tmp_path / "a.sqlite") as source:
         assert source.capabilities.transfer == "srgb"
         (seen_view,) = source.recorded_views()
-        (lit,) = source.capture([omniscv.sources.Request(seen_view, "lit")])
+        lit, mask = source.capture([omniscv.sources.Request(seen_view, mode) for mode in files])
     assert np.abs(lit.pixels - codes_of(LINEAR / 255)).max() <= 0.8
+    np.testing.assert_array_equal(mask.pixels, LINEAR)
+    assert "transfer" not in mask.provenance
 
 
 def test_edges_of_imported_pictures_are_means_of_light(tmp_path):
