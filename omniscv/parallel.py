@@ -117,6 +117,7 @@ def ahead(function: Callable[[T], R], items: Iterable[T], threads: int) -> Itera
 
 @cache
 def _pool() -> ThreadPoolExecutor:
+    """Return the pool of threads of this process."""
     return ThreadPoolExecutor(cores(), thread_name_prefix="omniscv")
 
 

@@ -44,6 +44,7 @@ class Price(NamedTuple):
 
 
 def _face_size(name: str, value: object) -> Any:
+    """Return ``auto``, or a number of pixels."""
     if value == "auto" or (type(value) is int and 1 <= value <= LARGEST_FACE_PX):
         return value
     raise wrong(name, f"'auto' or 1 to {LARGEST_FACE_PX} px", value)
@@ -65,10 +66,12 @@ def _accuracy(name: str, value: object) -> float | None:
 
 
 def _names(name: str, value: object) -> tuple[str, ...]:
+    """Return names of objects; none of what is empty."""
     return texts(name, value) if value else ()
 
 
 def _price(name: str, value: object) -> tuple[float, float]:
+    """Return ms of a request and of a megapixel, neither negative."""
     request, megapixel = numbers(name, value, (2,)).tolist()
     return number(f"{name}[0]", request, least=0), number(f"{name}[1]", megapixel, least=0)
 

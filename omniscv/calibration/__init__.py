@@ -1,8 +1,9 @@
 """Calibration files of other programs: docs/lens-files.md lists them.
 
-A format is a row of ``table.py``, or where it is odd a module of its own, which says how its pixel centres
-relate to ours, which are at .5. Readers raise ``ArgumentError`` for text that does not follow the format,
-writers for cameras, names and poses that the format cannot carry. Nothing is approximated silently.
+A format is a :class:`omniscv.calibration.forms.Form`: where the numbers of a camera stand, and by which of
+our models. Most are declared in ``table.py``; others have a module of their own, which says how their pixel
+centres relate to ours, which are at .5. Readers raise ``ArgumentError`` for text that does not follow the
+format, writers for cameras, names and poses that the format cannot carry. Nothing is approximated silently.
 """
 
 from omniscv.calibration.files import dumps, formats, load, load_rig, loads, nearest, save, save_rig

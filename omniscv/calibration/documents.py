@@ -79,6 +79,8 @@ class Content:
         return bodies
 
     def _parse(self) -> list[Any]:
+        """Return the documents by the syntax that the bytes start with; ArgumentError for none that is
+        known."""
         if self.data.startswith(b"PK\3\4"):
             return [_from_npz(self.data)]
         start = self.text.lstrip()[:1]
@@ -144,6 +146,7 @@ def put_once(values: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _from_json(text: str) -> Any:
+    """Return the value of JSON; a key that a mapping has twice must have one value."""
     if len(text) > MOST_JSON_BYTES:
         raise ArgumentError(f"expected at most {MOST_JSON_BYTES} bytes, got more")
 
@@ -162,6 +165,7 @@ def _from_json(text: str) -> Any:
 
 
 def _from_yaml(text: str) -> list[Any]:
+    """Return the documents of YAML, also of OpenCV's; ArgumentError for a mere text."""
     text = _NO_SPACE.sub(r"\1: ", _HEADERS.sub("", text.replace("\t", " ")))
     values = [parse_yaml(part) for part in _DOCUMENT_ENDS.split(text) if part.strip()]
     if not any(isinstance(value, dict | list) for value in values):
@@ -199,6 +203,7 @@ def _from_lines(text: str) -> dict[str, Any]:
 
 
 def _scalar(text: str) -> Any:
+    """Return a text without blanks and quotes around it."""
     return text.strip().strip("\"'")
 
 
@@ -275,6 +280,7 @@ def _from_npz(data: bytes) -> dict[str, Any]:
 
 
 def _yaml(values: Any) -> str:
+    """Return YAML with lists of numbers in one line."""
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=1000)
 
 
@@ -297,6 +303,7 @@ def _lines(values: dict[str, Any]) -> str:
 
 
 def _xml(values: dict[str, Any], level: int = 0) -> str:
+    """Return elements, a list as one for each item; the outermost has XML's first line."""
     lines = ['<?xml version="1.0" encoding="UTF-8"?>'] if level == 0 else []
     for key, value in values.items():
         for item in value if isinstance(value, list) else [value]:

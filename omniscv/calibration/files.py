@@ -72,6 +72,7 @@ class Own(Form):
     written = tuple(names())
 
     def is_of(self, content: Content) -> bool:
+        """Return whether a file is our own JSON."""
         return _own(content) is not None
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
@@ -445,6 +446,7 @@ def save_rig(path: str | PathLike[str], rig: Rig, format: str) -> None:
 
 
 def _write(path: Path, text: str) -> None:
+    """Write a file, whole or not at all; ArgumentError where it cannot be written."""
     try:
         write_text(path, text)
     except (OSError, StorageError) as cause:

@@ -216,7 +216,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Reading:
-    """What reading does that no place in a mapping says.
+    """Steps of reading that a layout does not describe.
 
     Attributes:
         split: returns the cameras of a file by name: mappings or nodes; None: those that have the marks.
@@ -233,7 +233,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Writing:
-    """What writing does that no place in a mapping says.
+    """How values become text, and what every file of the form has.
 
     Attributes:
         syntax: of the text, of :data:`omniscv.calibration.documents.SYNTAXES`.
@@ -460,6 +460,7 @@ class Form:
         return camera
 
     def _pose(self, node: Node) -> Pose | None:
+        """Return the pose of a camera at the first place that has one; None if it has none."""
         for place in self.layout.poses:
             if node.has(place.paths):
                 with within(first_path(place.paths)):
@@ -475,7 +476,7 @@ class Form:
             readout = self.layout.readouts[0]
             put(values, readout.path, camera.readout / readout.unit_s / readout.rows(camera.height))
             camera = camera.base
-        model, numbers = self.held(camera)
+        model, numbers = self.numbers_of(camera)
         if model.words:
             for paths, word in zip(self.layout.word, parts(model.words[0]), strict=True):
                 put(values, first_path(paths), word)
@@ -494,7 +495,7 @@ class Form:
         for paths, side in zip(self.layout.size, (camera.width, camera.height), strict=True):
             put(values, first_path(paths), side)
 
-    def held(self, camera: Camera) -> tuple[Model, Numbers]:
+    def numbers_of(self, camera: Camera) -> tuple[Model, Numbers]:
         """Return the form's model of a camera and its numbers; ArgumentError where there is none."""
         why = ""
         for name, ours in intrinsics.intrinsics(camera):
@@ -502,7 +503,7 @@ class Form:
                 if model.read_only or model.name != name:
                     continue
                 try:
-                    numbers = intrinsics.held(
+                    numbers = intrinsics.file_numbers(
                         model.numbers, ours, camera.width, camera.height, self.layout.shift_px
                     )
                 except ArgumentError as cause:
@@ -583,6 +584,7 @@ def _new_name(path: tuple[str | int, ...], names: Mapping[str, object]) -> str:
 
 
 def _canonical(words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the canonical words of a model."""
     return tuple(map(canonical, words))
 
 

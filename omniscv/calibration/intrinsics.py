@@ -222,7 +222,7 @@ def complete(values: Mapping[str, float], width: int, height: int, shift_px: flo
     return {"cx": width / 2, "cy": height / 2, **ours}
 
 
-def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers:
+def file_numbers(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers:
     """Return the numbers that a file has for ours, the inverse of :func:`complete`.
 
     Args:

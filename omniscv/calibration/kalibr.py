@@ -37,7 +37,7 @@ _COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
 
 
 class Kalibr(Form):
-    """The form of Kalibr, with what no place in a mapping says: chains."""
+    """Kalibr's form, in which each camera's pose is relative to the camera before."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         """Return the cameras of a file by name, with their poses in the frame of ``cam0``.
@@ -73,6 +73,7 @@ class Kalibr(Form):
         return poses
 
     def on_body(self, content: Content) -> dict[str, Entry]:
+        """Return the cameras of a file by name, with their poses on the IMU."""
         return super().read(content)
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:

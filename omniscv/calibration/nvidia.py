@@ -151,6 +151,7 @@ _POLYNOMIALS = {
 
 
 def _parameters(content: Content) -> dict[str, Any]:
+    """Return the parameters of NCore's camera as ``cam0``; ArgumentError for another model than f-theta."""
     cameras = {}
     for node in mappings(content, ("camera_model_parameters.reference_poly", "reference_poly")):
         one_of("camera_model_type", node.take("camera_model_type", "ftheta"), ("ftheta",))

@@ -444,6 +444,6 @@ def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike, **m
 
 def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
     """Return K (3, 3), D, and all numbers of a camera by a form."""
-    model, values = form.held(camera)
+    model, values = form.numbers_of(camera)
     matrix, *_, terms = model.keys  # unified has xi between them
     return np.reshape(matrix.write(values), (3, 3)), np.array(terms.write(values)), values

@@ -1,4 +1,4 @@
-"""What forms do that no place in a mapping says: find the cameras of a file, finish and join them."""
+"""Steps of forms: find the cameras of a file, change their numbers after reading, join them for writing."""
 
 import logging
 import re
@@ -392,6 +392,7 @@ def _calibration_of(sensor: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def _is_metashape(lens: Any) -> TypeGuard[Mapping[str, Any]]:
+    """Return whether a value is a mapping with keys of Metashape's lens."""
     return isinstance(lens, Mapping) and Node(lens).has(("f", "width", "resolution"))
 
 

@@ -275,6 +275,7 @@ class Camera(ABC):
 
     @cached_property
     def _key(self) -> tuple[type[Camera], str]:
+        """What equality compares: the class, and all arguments."""
         return type(self), repr(self)
 
     def __eq__(self, other: object) -> bool:
@@ -319,6 +320,7 @@ class Camera(ABC):
         cls.__init__ = __init__  # type: ignore[method-assign]
 
     def _freeze(self) -> None:
+        """Make attributes immutable; ArgumentError for a number that is not finite."""
         for key, value in vars(self).items():
             if isinstance(value, float | np.ndarray) and not np.isfinite(value).all():
                 raise ArgumentError(f"camera: expected numbers that float64 can compute with, got {self!r}")
@@ -336,6 +338,7 @@ class Camera(ABC):
         raise self._immutable(name)
 
     def _immutable(self, name: str) -> AttributeError:
+        """Return the error of changing an attribute."""
         advice = "create another one, for example with omniscv.cameras.from_dict({**camera.to_dict(), ...})"
         return AttributeError(f"{type(self).__name__}.{name}: cameras are immutable; {advice}")
 

@@ -33,6 +33,7 @@ class CirclePanorama(AngularGrid):
         return self._origins(outward), directions, True
 
     def _origins(self, outward: Array) -> Array:
+        """Return the optical centres (..., 3) of level outward directions (..., 3)."""
         origins = self._radial * outward
         if self._tangential:
             origins[..., 0] += self._tangential * outward[..., 2]

@@ -73,6 +73,7 @@ class PushBroom(Camera):
         return self._origins(pixels[..., 0]), directions, np.isfinite(down)
 
     def _origins(self, u: Array) -> Array:
+        """Return the optical centres (..., 3) of columns at u (...), px."""
         return (u / self.width - 0.5)[..., None] * self.travel
 
     def _project(self, points: Array) -> tuple[Array, Mask]:

@@ -96,6 +96,7 @@ class Pinhole(FocalLens):
 
 
 def _twelve_terms(distortion: ArrayLike) -> Array:
+    """Return OpenCV's twelve coefficients of 4, 5, 8 or 12; those missing are 0."""
     terms = numbers("distortion", distortion, (None,))
     if len(terms) not in _COUNTS:
         wanted = "4, 5, 8 or 12 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4)"

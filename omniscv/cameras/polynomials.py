@@ -75,6 +75,7 @@ class Scaramuzza(AffineLens):
         return cls(width, width, [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers, fov_deg=190)
 
     def _theta(self, rho: Array) -> Array:
+        """Return the angles off the axis of radii (...), px."""
         return np.asarray(np.arctan2(rho, -polyval(rho, self.coefficients)))
 
     def _meridian(self, r: Array) -> Meridian:

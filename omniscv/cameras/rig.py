@@ -22,6 +22,7 @@ ORIGIN = Pose(np.zeros(3), np.eye(3))
 
 
 def _camera(name: str, value: Any) -> Camera:
+    """Return a camera, or that of its description."""
     with within(name):
         return value if isinstance(value, Camera) else from_dict(value)
 
@@ -159,6 +160,7 @@ class _Mount:
 
 
 def _mounted(name: str, value: object) -> RigCamera:
+    """Return a camera of a rig, or that of its description."""
     if isinstance(value, RigCamera):
         return value
     data = mapping(name, value)

@@ -323,6 +323,7 @@ class ReadOutLines(RollingShutter):
         return {"first": self._first, "last": self._last, **self._shutter}
 
     def _is_read(self, pixels: Array) -> Mask:
+        """Return whether pixels (..., 2) are on these lines."""
         part = self._fraction(pixels)
         return np.asarray((part >= self._first) & (part < self._last))
 

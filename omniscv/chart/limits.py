@@ -143,14 +143,17 @@ _KB: dict[str, Any] = {"fx": 160.0, "fy": 160.0, "cx": SIZE / 2, "cy": SIZE / 2}
 
 
 def _far(left: float) -> float:
+    """Return metres that grow to infinity."""
     return 10 / left
 
 
 def _at_the_cone(left: float) -> float:
+    """Return metres at which rays meet the cone."""
     return BEYOND_THE_CONE
 
 
 def _beyond(left: float) -> float:
+    """Return metres that grow to infinity beyond the cone."""
     return BEYOND_THE_CONE / left
 
 
@@ -176,10 +179,12 @@ def _to(limit: str, pixels: Pixels = everywhere, *, metres: Any = None, **option
 
 
 def _up_to(limit: float) -> Callable[[float], float]:
+    """Return a parameter that grows to a limit."""
     return lambda left: limit * (1 - left)
 
 
 def _down_from(start: float) -> Callable[[float], float]:
+    """Return a parameter that falls to 0."""
     return lambda left: start * left
 
 
@@ -324,6 +329,7 @@ def _widest(cls: type[Camera], key: str) -> Approach:
 
 
 def _metres(cls: type[Camera]) -> Callable[[float], float]:
+    """Return the distance of points on rays: 10 m, of cameras with several centres ever more."""
     return (lambda left: 10.0) if cls.central else _beyond
 
 

@@ -49,6 +49,7 @@ class _Commands(TyperGroup):
 
 
 def _version(is_given: bool) -> None:
+    """Print the version and exit."""
     if is_given:
         console.line(f"omniscv {omniscv.__version__}")
         raise typer.Exit
@@ -94,6 +95,7 @@ def main() -> None:
 
 
 def _run_process() -> int:
+    """Run the command line of the process, with its log on standard error."""
     _print_log()
     keep_freed_memory()
     gc.set_threshold(_OBJECTS_PER_COLLECTION, *gc.get_threshold()[1:])
@@ -101,6 +103,7 @@ def _run_process() -> int:
 
 
 def _has_working_folder() -> bool:
+    """Return whether the working folder exists."""
     try:
         os.getcwd()
     except FileNotFoundError:

@@ -162,6 +162,7 @@ def fit(
 
 
 def _report(result: Any) -> None:
+    """Print the errors of a fitted camera."""
     console.line(
         f"largest error {result.max_px:.3g} px, rms {result.rms_px:.3g} px, "
         f"over {100 * result.coverage:.4g} % of the pixels"
@@ -198,12 +199,7 @@ def convert(
     form = FORMS[one_of("--format", format, FORMS)]
     mounts = {}
     for i, (key, entry) in enumerate(entries.items()):
-        mounted = entry.mounted
-        fitted = calibration.nearest(mounted.camera, format) if fit else None
-        if fitted is not None:
-            console.line(f"{key}: {mounted.camera.name} as {fitted.camera.name}:")
-            _report(fitted)
-            mounted = replace(mounted, camera=fitted.camera)
+        mounted = _fitted(key, entry.mounted, format) if fit else entry.mounted
         mounts[form.writing.label.format(i, i + 1, name=key)] = mounted
     is_rig = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
     if is_rig and form.layout.poses:
@@ -215,6 +211,18 @@ def convert(
         calibration.save(out, {key: mounted.camera for key, mounted in mounts.items()}, format)
     lost = "; the poses are lost: the format has none" if is_rig and not form.layout.poses else ""
     console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(mounts)} camera(s){lost}")
+
+
+def _fitted(name: str, mounted: Any, format: str) -> Any:
+    """Return a rig's camera as a format carries it, and print the error where it is fitted for that."""
+    from omniscv.calibration import nearest
+
+    fitted = nearest(mounted.camera, format)
+    if fitted is None:
+        return mounted
+    console.line(f"{name}: {mounted.camera.name} as {fitted.camera.name}:")
+    _report(fitted)
+    return replace(mounted, camera=fitted.camera)
 
 
 @app.command(epilog="Example: omniscv cameras describe camchain.yaml")

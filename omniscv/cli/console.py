@@ -212,6 +212,7 @@ class Display:
             self._print()
 
     def _print(self) -> None:
+        """Print the line, unless it is the last one that was printed."""
         line = self.line()
         if line != self._printed:
             print(line, file=sys.stderr, flush=True)
@@ -268,4 +269,5 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
 
 
 def _megabytes(nbytes: float) -> str:
+    """Return bytes as text."""
     return f"{nbytes / 1e6:.1f} MB"

@@ -205,7 +205,7 @@ def plan(
     fewer captures. Where what is seen decides, captures are from those of a furnished room to twice as many,
     in fine relief more; megapixels and seconds are of the furnished room.
     """
-    from omniscv.make import check_worlds, costs, measured_price
+    from omniscv.make import check_worlds, costs
     from omniscv.render_options import COMPARED
 
     priced: list[tuple[str, Any]] = []  # the name of a world, and a cost
@@ -213,12 +213,7 @@ def plan(
     for world in check_worlds(job.load(), dataset=False).each:
         if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
             is_unchecked = True
-        if measure:
-            price = measured_price(world)
-            console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
-            measured = (price.request, price.megapixel)
-            world = replace(world, options=replace(world.options, capture_ms=measured))
-        for cost in costs(world):
+        for cost in costs(_with_measured_price(world) if measure else world):
             priced.append((world.world, cost))
     if len({name for name, _ in priced}) > 1:
         priced += [("all worlds", total) for total in _totals(priced)]
@@ -228,6 +223,16 @@ def plan(
     _print_costs(priced)
     if is_unchecked and any(cost.way.endswith("%") for _, cost in priced):
         console.error(_UNCHECKED)
+
+
+def _with_measured_price(world: Any) -> Any:
+    """Return a world with the price of captures that is measured and printed."""
+    from omniscv.make import measured_price
+
+    price = measured_price(world)
+    console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
+    capture_ms = (price.request, price.megapixel)
+    return replace(world, options=replace(world.options, capture_ms=capture_ms))
 
 
 def _totals(priced: Sequence[tuple[str, Any]]) -> list[Any]:

@@ -166,12 +166,14 @@ def key(name: str, value_of: Callable[[Any], Any] = lambda value: value) -> Call
 
 
 def _models() -> Iterator[str]:
+    """Yield the names of camera models."""
     from omniscv.cameras import names
 
     yield from names()
 
 
 def _key_names() -> Iterator[str]:
+    """Yield the keys of jobs, with an equals sign."""
     from omniscv.job import keys
 
     for key in keys():
@@ -184,6 +186,7 @@ def is_calibration(camera: str) -> bool:
 
 
 def _camera(text: str) -> Keys:
+    """Return the keys of ``--camera``: a model, or a calibration file."""
     is_file = is_calibration(text)
     name = Path(text).stem.replace(".", "-") if is_file else text
     return {"cameras": {name: {"file" if is_file else "model": text}}, "rig": None}

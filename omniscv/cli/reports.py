@@ -100,6 +100,7 @@ def chart(
 
 
 def _check_charts() -> None:
+    """Raise OmniscvError if charts cannot be drawn."""
     if find_spec("matplotlib") is None:
         raise OmniscvError("charts: expected the package matplotlib; pip install 'omniscv[charts]'")
 

@@ -54,6 +54,7 @@ def scenes(
 
 
 def _list_scenes(as_json: bool) -> None:
+    """Print the mock server's scenes."""
     import mock_server
 
     descriptions = []
@@ -75,6 +76,7 @@ def _list_scenes(as_json: bool) -> None:
 
 
 def _describe_scene(name: str, as_json: bool) -> None:
+    """Print the objects of a scene, with their boxes."""
     import mock_server
 
     try:
@@ -170,14 +172,22 @@ def doctor(
         findings = _examined(uri, quick, position, files, waiting)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
-    elif self:
-        for finding in findings:
+    else:
+        _print_findings(findings, in_lines=self)
+    raise Exit(1 if any(finding.verdict == "bad" for finding in findings) else 0)
+
+
+def _print_findings(findings: list[Any], in_lines: bool) -> None:
+    """Print findings as lines, or as a table."""
+    rows = []
+    for finding in findings:
+        if in_lines:
             remedy = f": {finding.remedy}" if finding.remedy else ""
             console.line(f"{finding.verdict:<8} {finding.name}: {finding.value}{remedy}")
-    else:
-        rows = [(finding.verdict, finding.name, finding.value, finding.remedy) for finding in findings]
+        else:
+            rows.append((finding.verdict, finding.name, finding.value, finding.remedy))
+    if not in_lines:
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)
-    raise Exit(1 if any(finding.verdict == "bad" for finding in findings) else 0)
 
 
 def _examined(

@@ -63,6 +63,7 @@ class _Cubes:
         return labels[self._cube]
 
     def _neighbours(self) -> Pairs:
+        """Return the pairs of cubes that are at most two apart along each axis."""
         from scipy.spatial import cKDTree  # slow to load
 
         pairs: Pairs = cKDTree(self._cells).query_pairs(2.5, p=np.inf, output_type="ndarray")

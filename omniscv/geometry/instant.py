@@ -100,6 +100,7 @@ def _hidden(name: str, value: Any) -> frozenset[str]:
 
 
 def _name(name: str, value: Any) -> str:
+    """Return a text; the empty one for what is empty."""
     return text(name, value) if value else ""
 
 

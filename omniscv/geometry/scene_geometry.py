@@ -24,6 +24,7 @@ BOX_EDGES = np.array([
 
 
 def _size(name: str, value: Any) -> Array:
+    """Return lengths (3,), none of them negative."""
     size = numbers(name, value, (3,))
     if (size < 0).any():
         raise wrong(name, "lengths of at least 0", size)
@@ -31,6 +32,7 @@ def _size(name: str, value: Any) -> Array:
 
 
 def _rotation(name: str, value: Any) -> Array:
+    """Return a rotation (3, 3), an array as it is."""
     rotation = rotation_reader(name, value)
     return value if isinstance(value, np.ndarray) else rotation  # with its -0.0, which files hold
 

@@ -127,7 +127,7 @@ def length_unit(name: str, value: object) -> str | float | None:
 
 @dataclass
 class Rows:
-    """Rows of columns by what they are.
+    """The rows of a file, by column.
 
     Attributes:
         columns: x, y, z; qx ... qw, yaw, pitch, roll, or m0 ... m11, a matrix row by row, m12 ... m15 its
@@ -229,6 +229,7 @@ class Rows:
             self.refuse(~(np.abs(off) <= _ROUNDING), "a quaternion of length 1")
 
     def _check_matrices(self) -> None:
+        """Refuse matrices that are no rigid motions."""
         if "m15" in self.columns:
             last = self._stack(_LAST_ROW)
             moved = np.abs(self._stack(_MOVED)).max(axis=1)
@@ -243,6 +244,7 @@ class Rows:
             self.refuse(wrong, f"the numbers of a rigid 3x4 matrix, neither scaled nor mirrored{remedy}")
 
     def _stack(self, names: Sequence[str]) -> Array:
+        """Return columns (N, n) by their names."""
         return np.stack([self.columns[name] for name in names], axis=1)
 
     # -- poses ------------------------------------------------------------------------------------------

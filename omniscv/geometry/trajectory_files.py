@@ -149,6 +149,7 @@ def check_frame(path: Path, frame: Frame | None) -> None:
 
 
 def _lines(path: Path) -> Iterator[str]:
+    """Yield the lines of a text file; ArgumentError where it cannot be read."""
     try:
         opened = open_regular(path, most=_MOST_BYTES)
         with io.TextIOWrapper(opened, encoding=encoding_of(opened.peek(4)[:4])) as lines:
@@ -395,6 +396,7 @@ def plain(value: float) -> str:
 
 
 def _stamps(trajectory: Trajectory) -> Sequence[int]:
+    """Return the times, whole nanoseconds; without any, seconds from 0."""
     return range(0, NS * len(trajectory), NS) if trajectory.times_ns is None else trajectory.times_ns
 
 
@@ -405,5 +407,6 @@ def _timed_rows(trajectory: Trajectory) -> Iterator[list[str]]:
 
 
 def _text(header: str, rows: Iterable[Iterable[str]], separator: str = " ") -> str:
+    """Return lines of words below a header, which may be empty."""
     lines = [separator.join(row) for row in rows]
     return "\n".join([header, *lines] if header else lines) + "\n"

@@ -108,6 +108,7 @@ def of_png(payload: bytes) -> Colors:
 
 
 def _inflated(packed: bytes) -> bytes:
+    """Return an ICC profile, at most ``_LONGEST_PROFILE`` bytes of it."""
     try:
         return zlib_ng.decompressobj().decompress(packed, _LONGEST_PROFILE)
     except zlib_ng.error as cause:  # type: ignore[misc]  # its stub says an instance
@@ -159,6 +160,7 @@ def _of_radiance(file: Path) -> Colors:
 
 
 def _numbers(word: str, text: str, count: int) -> NDArray[np.float64]:
+    """Return so many numbers above 0 of a word of Radiance's header; ArgumentError for others."""
     try:
         values = np.array([float(value) for value in text.split()])
     except ValueError:

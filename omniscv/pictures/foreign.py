@@ -98,6 +98,7 @@ def _named_layer(channels: Sequence[str], names: Sequence[str]) -> int | None:
 
 
 def _layer(channel: str) -> str:
+    """Return the layer of a channel in lower case, empty for none."""
     return channel.lower().rpartition(".")[0]
 
 
@@ -140,11 +141,7 @@ def read(file: Path, kind: str = "lit") -> Read:
         head = opened.read(png.HEADER_BYTES)
         is_decoded_here = suffix == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
         payload = head + opened.read() if is_decoded_here else b""
-    lines: tuple[str, ...] = ()
-    if head.startswith(_JPEG):
-        behind = len(payload) - _end_of_jpeg(payload)
-        if behind:
-            lines = (f"{behind} bytes behind the picture are ignored",)
+    lines = _check_jpeg(payload) if head.startswith(_JPEG) else ()
     tags: color_tags.Colors | None = None
     try:
         if suffix == ".npy":
@@ -155,9 +152,7 @@ def read(file: Path, kind: str = "lit") -> Read:
             tags = color_tags.of_png(payload)
             pixels = _plain_png(payload, kind)
             if pixels is not None:
-                # No codec of ids or depth decodes grey with alpha.
-                is_kept = kind == "lit" or png.header(payload).channels != 2
-                return Read(pixels, payload if is_kept else b"", tags)
+                return Read(pixels, _kept_png(payload, kind), tags)
     except BadReplyError as cause:
         raise ArgumentError(str(cause)) from cause
     try:
@@ -188,6 +183,17 @@ def _plain_png(payload: bytes, kind: str) -> Pixels | None:
         png.check(payload)
         return None
     return png.decode(payload, bits)[..., : 3 if channels >= 3 else 1]
+
+
+def _kept_png(payload: bytes, kind: str) -> bytes:
+    """Return the bytes of a PNG; none where no codec of ids or depth decodes it, as grey with alpha."""
+    return b"" if kind != "lit" and png.header(payload).channels == 2 else payload
+
+
+def _check_jpeg(payload: bytes) -> tuple[str, ...]:
+    """Refuse a JPEG that is not whole; return what to say of bytes behind it."""
+    behind = len(payload) - _end_of_jpeg(payload)
+    return (f"{behind} bytes behind the picture are ignored",) if behind else ()
 
 
 def _end_of_jpeg(payload: bytes) -> int:
@@ -239,11 +245,13 @@ def _note_scan(low: dict[int, list[int]], kind: int, segment: bytes) -> None:
 
 
 def _check_size(width: int, height: int) -> None:
+    """Raise ArgumentError for a picture without pixels, or with too many."""
     if not 0 < width * height <= MAX_PIXELS:
         raise ArgumentError(f"expected 1 to {MAX_PIXELS} pixels, got {width} x {height}")
 
 
 def _opened(file: Path, config: Any) -> Any:
+    """Return a picture opened by OpenImageIO; ArgumentError for what it cannot read."""
     import OpenImageIO
 
     opened = OpenImageIO.ImageInput.open(str(file), config)

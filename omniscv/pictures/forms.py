@@ -92,11 +92,13 @@ def write_picture(path: Path, pixels: Pixels, row: Modality) -> None:
 
 
 def _head(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file."""
     with open_regular(path) as file:
         return file.read(size)
 
 
 def _open_png(path: Path) -> Opened:
+    """Open a PNG: only its header is read."""
     header = png.header(_head(path, png.HEADER_BYTES))
 
     def pixels() -> Pixels:
@@ -106,6 +108,7 @@ def _open_png(path: Path) -> Opened:
 
 
 def _open_npy(path: Path) -> Opened:
+    """Open an NPY: only its header is read."""
     shape, dtype, *_ = npy.layout(_head(path, npy.HEADER_BYTES))
     return _array(shape, dtype.name, lambda: npy.decode(read_bytes(path, MOST_PICTURE_BYTES)))
 
@@ -136,12 +139,14 @@ def _open_array(path: Path) -> Opened:
 
 
 def _array(shape: tuple[int, ...], dtype: str, pixels: Callable[[], Pixels]) -> Opened:
+    """Return an opened array; ArgumentError for one that is no picture."""
     if len(shape) not in (2, 3):
         raise ArgumentError(f"expected an array (H, W) or (H, W, C), got shape {shape}")
     return Opened(shape[1], shape[0], (*shape, 1)[2], dtype, pixels)
 
 
 def _by_library(path: Path, library: str) -> Opened:
+    """Open a picture by OpenImageIO, under whose name ``library`` it must be; any if that is empty."""
     import OpenImageIO
 
     open_regular(path).close()
@@ -189,10 +194,12 @@ def blosc2_package() -> Any:
 
 
 def _write_png(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write a PNG, with a tag where its colours are sRGB."""
     path.write_bytes(png.encode(pixels, srgb=SRGB.items() <= row.attributes.items()))
 
 
 def _write_jpeg(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write a JPEG of grey or RGB."""
     import cv2
 
     # Not by OpenImageIO: its library for JPEG ends the process where the disk is full.
@@ -208,6 +215,7 @@ def _write_jpeg(path: Path, pixels: Pixels, row: Modality) -> None:
 
 
 def _write_exr(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write an EXR; 8-bit pixels as half floats of 0 to 1."""
     stored = (pixels / np.float32(255)).astype(np.float16) if pixels.dtype == np.uint8 else pixels
     names = row.channel_names if len(row.channel_names) == np.atleast_3d(stored).shape[2] else ()
     attributes: dict[str, Any] = dict(row.attributes)
@@ -219,6 +227,7 @@ def _write_exr(path: Path, pixels: Pixels, row: Modality) -> None:
 
 
 def _write_tiff(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write a TIFF; equal pixels give equal bytes."""
     import OpenImageIO
 
     planes = pixels if pixels.ndim == 3 else pixels[..., None]
@@ -247,10 +256,12 @@ def _write_tiff(path: Path, pixels: Pixels, row: Modality) -> None:
 
 
 def _write_npy(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write an NPY."""
     path.write_bytes(npy.encode(pixels))
 
 
 def _write_array(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write an array of Blosc2."""
     path.write_bytes(encode_array(pixels))
 
 

@@ -36,6 +36,7 @@ def read(file: Path) -> NDArray[Any]:
 
 
 def _array(content: Any, h5py: Any) -> NDArray[Any]:
+    """Return the data set ``dataset``; ArgumentError for a link, or what is no array of numbers."""
     link = content.get(_NAME, getlink=True)
     if not isinstance(link, h5py.HardLink) or not isinstance(content[_NAME], h5py.Dataset):
         raise ArgumentError(f"expected a data set {_NAME!r}, got {shown(', '.join(list(content)[:8]))}")

@@ -98,6 +98,7 @@ def _blur(name: str, value: object) -> tuple[float, ...]:
 
 
 def _option(reader: Callable[..., Any], help: str, **limits: Any) -> Any:
+    """Return a field that may be None, whose preset or default then counts."""
     return checked(optional(partial(reader, **limits)), default=None, help=help)
 
 
@@ -334,6 +335,7 @@ _DEFAULTS: Mapping[str, Any] = {
 
 
 def _plain(value: Any) -> Any:
+    """Return tuples as lists."""
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 

@@ -38,10 +38,12 @@ def _axes(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _densities(name: str, value: Any) -> tuple[float, ...]:
+    """Read one number or three, none of them negative, as three."""
     return tuple(number(name, density, least=0) for density in _axes(name, value))
 
 
 def _axes_of(reader: Any, help: str) -> Any:
+    """Return a field of three numbers, 0 by default."""
     return checked(reader, default=(0.0,) * 3, help=help)
 
 

@@ -111,6 +111,7 @@ def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
 
 
 def _no_number(word: str) -> NoReturn:
+    """Refuse NaN and infinity, which Python's reader takes."""
     raise ValueError(f"{word}, which JSON does not have")
 
 

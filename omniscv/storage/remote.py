@@ -206,6 +206,7 @@ class RemoteFolder(Folder):
         return fs, f"{root.rstrip('/')}/{checked_name(name)}" if name else root
 
     def _file_system(self) -> tuple[Any, str]:
+        """Return the file system of the URL, and its path there; ArgumentError without its packages."""
         try:
             from fsspec.config import conf
             from fsspec.core import url_to_fs
@@ -242,6 +243,7 @@ class RemoteFolder(Folder):
         return info if info.get("type") == "file" else None
 
     def _holds(self, name: str, content: bytes | Path) -> bool:
+        """Return whether a file has these bytes."""
         wanted = content if isinstance(content, bytes) else content.read_bytes()
         try:
             return self.read(name, len(wanted)) == wanted
