@@ -48,7 +48,11 @@ STATES = "states.json"
 
 
 def export(path: Path | str, folder: Path | str) -> int:
-    """Write a recording as a folder, new or empty, the payloads byte for byte; return the number of captures.
+    """Write a recording as a folder, the payloads byte for byte; return the number of captures.
+
+    Args:
+        path: of the recording, or its URL.
+        folder: new or empty.
 
     Raises:
         ArgumentError: the folder is not empty.
@@ -76,6 +80,10 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
 
     All or nothing: every capture is checked before the first is written, and all are one change.
 
+    Args:
+        folder: of captures, with an index.
+        path: of the recording; new, or one to add to.
+
     Raises:
         ArgumentError: the folder's index is missing or wrong; the message names the entry.
         BadReplyError: an image is not what its entry says.
@@ -85,8 +93,10 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     folder = Path(folder)
     with within(folder / INDEX):
         index = _read_json(folder / INDEX, list)
-    wheres = [f"{folder / INDEX}[{i}]" for i in range(len(index))]
-    entries = {where: read(_Entry, entry, where) for where, entry in zip(wheres, index, strict=True)}
+    entries: dict[str, _Entry] = {}
+    for i, entry in enumerate(index):
+        where = f"{folder / INDEX}[{i}]"
+        entries[where] = read(_Entry, entry, where)
     with within(folder):
         objects = _objects(folder)
 
@@ -125,15 +135,15 @@ def add_captures(
             of the recording before, which is called when all captures have been checked.
         scene: None: as the captures say; ArgumentError for several.
     """
-    modes = set()
-    scenes = set[str]()
+    modes: set[str] = set()
+    scenes: set[str] = set()
     for capture in captures():
         Row.of(capture)
         modes.add(capture.mode)
         scenes |= scene_of(capture)
     if len(scenes) > 1:
         raise ArgumentError(f"expected captures of one scene, got some of {listed_scenes(scenes)}")
-    requests = set[Request]()
+    requests: set[Request] = set()
     with opened_whole(path) as store:
         store.set_scene(scene or SceneIdentity(*scenes))
         has_masks = not modes.isdisjoint(labelled_modes())
@@ -181,14 +191,14 @@ def _write_folder(store: Store, folder: Path) -> int:
             entry["stops"] = row.stops
         entries.append(entry)
     objects = store.objects()
-    _write_json(folder / OBJECTS, {name: list(rgb) for name, rgb in objects.colors.items()})
+    _write_json(folder / OBJECTS, {name: list(objects.colors[name]) for name in objects.colors})
     if objects.ids or objects.tolerance != DEFAULT_TOLERANCE:
         _write_json(folder / MASKS, {"tolerance": objects.tolerance, "ids": objects.ids})
     _write_json(folder / SCENE, asdict(store.scene_identity))
     if geometry := store.geometry():
         _write_json(folder / GEOMETRY, geometry.to_dict())
     if states := store.states():
-        _write_json(folder / STATES, {name: state.to_dict() for name, state in states.items()})
+        _write_json(folder / STATES, {name: states[name].to_dict() for name in states})
     _write_json(folder / INDEX, entries)
     return len(entries)
 
@@ -196,7 +206,10 @@ def _write_folder(store: Store, folder: Path) -> int:
 def _view(name: str, value: object) -> View:
     """Return a view, whose pose is a rotation matrix, a quaternion, or yaw, pitch and roll."""
     data = mapping(name, value)
-    pose = {key: data.pop(key) for key in [*data] if key not in ("fov_deg", "width", "height", "lens")}
+    pose = {}
+    for key in list(data):
+        if key not in ("fov_deg", "width", "height", "lens"):
+            pose[key] = data.pop(key)
     (position,), (rotation,) = Rows.of_entries([(name, pose)]).poses()
     with within(name):
         return view_from_dict({**data, "position": position, "rotation": rotation})
@@ -262,22 +275,27 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause
     try:
-        provenance = {"server": "imported"} if entry.provenance is None else entry.provenance
-        is_depth = modalities.get(request.mode).interpolation == "surface"
-        if is_depth and encoding == "npy" and provenance.get("server", "imported") == "imported":
-            payload = without_zeros(payload)
-        is_own = entry.provenance is None and request.mode == "lit"
-        if is_own and encoding == "png":
-            payload = _as_srgb(payload)
-        pixels = decode(payload, encoding, request.mode, entry.view)
-        if is_own and pixels.dtype == np.uint8:
-            provenance = {**provenance, "transfer": "srgb"}
-        capture = Capture(request, entry.view, pixels, provenance, payload, encoding)
+        capture = _decoded(entry, request, payload, encoding)
         Row.of(capture).description()  # it can be read again
     except (BadReplyError, RecordingError, ArgumentError) as cause:
         error = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise error(f"{where}: {shown(entry.file)}: {cause}") from cause
     return capture
+
+
+def _decoded(entry: _Entry, request: Request, payload: bytes, encoding: str) -> Capture:
+    """Return the capture of an entry's file; what other tools write is put into our form."""
+    provenance = {"server": "imported"} if entry.provenance is None else entry.provenance
+    is_depth = modalities.get(request.mode).interpolation == "surface"
+    if is_depth and encoding == "npy" and provenance.get("server", "imported") == "imported":
+        payload = without_zeros(payload)
+    is_others_color = entry.provenance is None and request.mode == "lit"
+    if is_others_color and encoding == "png":
+        payload = _as_srgb(payload)
+    pixels = decode(payload, encoding, request.mode, entry.view)
+    if is_others_color and pixels.dtype == np.uint8:
+        provenance = {**provenance, "transfer": "srgb"}
+    return Capture(request, entry.view, pixels, provenance, payload, encoding)
 
 
 def _check_mask(capture: Capture, objects: ObjectTable, has_colors: bool) -> None:
@@ -305,7 +323,7 @@ def _as_srgb(payload: bytes) -> bytes:
 
 
 def _states(states: dict[str, object]) -> dict[str, WorldState]:
-    return {name: WorldState.from_dict(name, state) for name, state in states.items()}
+    return {name: WorldState.from_dict(name, states[name]) for name in states}
 
 
 def _objects(folder: Path) -> ObjectTable:

@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,16 +38,10 @@ from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
-_OF_LIGHT = (
-    ".exr",
-    ".hdr",
-    ".tif",
-    ".tiff",
-    ".npy",
-    ".hdf5",
-    ".h5",
-)  # files whose colours may be negative or NaN
+_OF_LIGHT = (".exr", ".hdr", ".tif", ".tiff", ".npy", ".hdf5", ".h5")
+"""Suffixes of files whose colours may be negative or NaN."""
 _TEXTS = (".txt", ".csv", ".json")
+_WORDS_OF_POSES = ("pose", "traj", "groundtruth", "camera")
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
 Faces = list[tuple[str, Picture, Array, float]]
@@ -90,15 +85,16 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         if layout == "auto" and pictures.suffix == ".exr":
             layout = _ENVIRONMENTS.get(foreign.environment(pictures), "auto")
         captures: Callable[[], Iterable[Capture]]
-        if sequence := sequences.find_sequence(pictures, layout, options):
-            sequence, asked = taken(sequence, options.trust_words)
-            lines = [*sequence.lines(), *asked]
+        sequence = sequences.find_sequence(pictures, layout, options)
+        if sequence:
+            sequence, lines_of_asking = taken(sequence, options.trust_words)
+            lines = [*sequence.lines(), *lines_of_asking]
             modes = {*sequence.modes}
             captures = sequence.captures
         else:
-            held, lines = _captures_of_faces(pictures, layout, options)
-            modes = {capture.mode for capture in held}
-            captures = partial(iter, held)
+            captures_of_faces, lines = _captures_of_faces(pictures, layout, options)
+            modes = {capture.mode for capture in captures_of_faces}
+            captures = partial(iter, captures_of_faces)
         _check_idle(options, modes, sequence)
         known = objects_of(options.names) if options.names else ObjectTable({})
         masks = _Masks(sequence.objects if sequence and not options.names else known)
@@ -111,8 +107,10 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
 
 def _captures_of_faces(pictures: Path, layout: str, options: Options) -> tuple[list[Capture], list[str]]:
     """Return the captures of six faces, in files of a folder or in one picture, and what was decided."""
-    faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
-    faces, lines = faces_in(pictures, layout, options)
+    if pictures.is_file():
+        faces, lines = _faces_in_picture(pictures, layout, options)
+    else:
+        faces, lines = _faces_in_folder(pictures, layout, options)
     turn_w = turn_about_z(options.yaw_deg or 0.0)
     ray = (options.depth or DepthForm()).ray
     captures = []
@@ -126,29 +124,37 @@ def _captures_of_faces(pictures: Path, layout: str, options: Options) -> tuple[l
 
 def _check_idle(options: Options, modes: Collection[str], sequence: PosedSequence | None) -> None:
     """Raise ArgumentError for an option that acts on none of the pictures."""
-    colors = [file for mode, file in options.clipped if mode == "lit"]
-    colors += [str(frame.files.get("lit", "")) for frame in sequence.frames] if sequence else []
-    idle_if = {
-        "depth": (options.depth or options.missing) and "depth" not in modes,
-        "names": options.names and "object_mask" not in modes,
-        "poses": options.poses and not sequence,
-        "intrinsics": options.intrinsics and not sequence,
-        "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
-        "trust_words": options.trust_words and not (sequence and "depth" in modes),
-        "transfer": options.transfer and "lit" not in modes,
-        "frame or unit": (options.frame or options.unit) and not options.poses,
+    has_depth = "depth" in modes
+    acts_on = {  # by option: whether it is given, and whether it acts
+        "depth": (options.depth or options.missing, has_depth),
+        "names": (options.names, "object_mask" in modes),
+        "poses": (options.poses, sequence),
+        "intrinsics": (options.intrinsics, sequence),
+        "clip": (options.clip, _has_light(options, sequence)),
+        "trust_words": (options.trust_words, sequence and has_depth),
+        "transfer": (options.transfer, "lit" in modes),
+        "frame or unit": (options.frame or options.unit, options.poses),
     }
-    if idle := next((name for name, is_idle in idle_if.items() if is_idle), ""):
-        got = f"pictures of {' and '.join(sorted(modes))}"
-        raise ArgumentError(f"{idle}: expected pictures that it acts on, got {got}")
+    for name, (given, acts) in acts_on.items():
+        if given and not acts:
+            actual = f"pictures of {' and '.join(sorted(modes))}"
+            raise ArgumentError(f"{name}: expected pictures that it acts on, got {actual}")
+
+
+def _has_light(options: Options, sequence: PosedSequence | None) -> bool:
+    """Return whether a file of colours may have negative or NaN values."""
+    files = [file for mode, file in options.clipped if mode == "lit"]
+    if sequence:
+        files += [str(frame.files.get("lit", "")) for frame in sequence.frames]
+    return any(Path(file).suffix.lower() in _OF_LIGHT for file in files)
 
 
 def _lines_of_reading(options: Options) -> list[str]:
     """Return what was skipped, converted and clipped when pictures were read, for people."""
     lines = skipped_lines(options)
-    converted = Counter(line for of_file in options.said.values() for line in of_file)
-    lines += [f"{line} ({files} files)" for line, files in converted.items()]
-    clipped = Counter[str]()
+    for line, files in Counter(chain(*options.said.values())).items():
+        lines.append(f"{line} ({files} files)")
+    clipped: Counter[str] = Counter()
     for (mode, _), values in options.clipped.items():
         clipped[mode] += values
     if clipped["lit"]:
@@ -164,9 +170,9 @@ class _Masks:
 
     def __init__(self, table: ObjectTable) -> None:
         self._table = table
-        self._pixels = Counter[int]()
+        self._pixels: Counter[int] = Counter()  # by id or colour
         self._ids = False
-        self.lines = list[str]()
+        self.lines: list[str] = []
         self.captures = 0
 
     def count(self, capture: Capture) -> Capture:
@@ -189,62 +195,102 @@ class _Masks:
         """Return the objects of a recording, given those that it has, and note what masks lack."""
         if not self._pixels:
             return before
-        table = self._table
-        what = "ids" if self._ids else "colours"
-        codes = self._pixels.keys() - {0, *([NO_ID] if self._ids else [])}
-        if not table.colors:
-            new = codes - self._codes(before)
-            ids = before.ids | ({f"id-{code}": code for code in new} if self._ids else {})
-            colors = {f"color-{code:06x}": (code >> 16, code >> 8 & 255, code & 255) for code in new}
-            tolerance = before.tolerance if before.colors else 0
-            table = ObjectTable({} if self._ids else before.colors | colors, tolerance, ids)
-            self.lines.append(f"masks: {len(new)} objects named after their {what}, no list names them")
+        codes = self._pixels.keys() - {0}
+        if self._ids:
+            codes -= {NO_ID}
+        table = self._table if self._table.colors else self._named_after_codes(codes, before)
         total = self._pixels.total()
-        held = self._codes(table)
-        if strange := sum(self._pixels[code] for code in codes - held):
-            several = f"{len(codes - held)} {what}"
-            self.lines.append(f"masks: {strange} of {total} pixels show {several} that no object has")
-        if self._table.colors and (unseen := len(held - codes)):
-            self.lines.append(f"masks: {unseen} of {len(held)} objects are in none")
-        if not held & codes:
+        known = self._codes(table)
+        unknown = codes - known
+        if unknown:
+            pixels = sum(self._pixels[code] for code in unknown)
+            what = f"{len(unknown)} {'ids' if self._ids else 'colours'}"
+            self.lines.append(f"masks: {pixels} of {total} pixels show {what} that no object has")
+        unseen = len(known - codes)
+        if self._table.colors and unseen:
+            self.lines.append(f"masks: {unseen} of {len(known)} objects are in none")
+        if not known & codes:
             self.lines.append(f"masks: all {total} labels are 0")
         return table
 
+    def _named_after_codes(self, codes: set[int], before: ObjectTable) -> ObjectTable:
+        """Return the objects of a recording with those that masks add, named after their ids or colours."""
+        new = codes - self._codes(before)
+        what = "ids" if self._ids else "colours"
+        self.lines.append(f"masks: {len(new)} objects named after their {what}, no list names them")
+        tolerance = before.tolerance if before.colors else 0
+        if self._ids:
+            return ObjectTable({}, tolerance, before.ids | {f"id-{code}": code for code in new})
+        colors = dict(before.colors)
+        for code in new:
+            colors[f"color-{code:06x}"] = (code >> 16, code >> 8 & 255, code & 255)
+        return ObjectTable(colors, tolerance, before.ids)
+
 
 def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
-    """Return the faces in the files of a folder, and what was decided."""
+    """Return the faces in the files of a folder, and what was decided.
+
+    Colours decide the layout, as they show best which faces fit; depth and masks must follow it.
+    """
+    files, layers = _files_by_mode(folder, options)
+    faces: Faces = []
+    lines: list[str] = []
+    choice: Choice | None = None
+    for mode in sorted(files, key=lambda mode: mode != "lit"):
+        stems = [file.stem for file in files[mode]]
+        fitting = named(stems, _tried(name) if choice is None else [choice.layout])
+        if len(stems) != 6 or not fitting:
+            raise ArgumentError(_expected_faces(folder, name, mode, files))
+        pictures = [_read_face(file, mode, options) for file in files[mode]]
+        _check_square(pictures)
+        if choice is None:
+            readings = []
+            for layout, order in fitting:
+                readings.append((layout, [pictures[i].pixels for i in order]))
+            choice = choose(readings, is_given=name != "auto")
+        order = next(order for layout, order in fitting if layout is choice.layout)
+        if not lines:
+            lines = choice.lines([stems[i] for i in order])
+        faces += _views(mode, choice, [pictures[i] for i in order])
+    return faces, [*lines, *layer_lines(layers)]
+
+
+def _files_by_mode(folder: Path, options: Options) -> tuple[dict[str, list[Path]], list[foreign.Parts]]:
+    """Return the files of a folder by mode, and what those of colours have in layers.
+
+    They are the files of modes that have none of their own, and are among their layers.
+    """
     files: dict[str, list[Path]] = defaultdict(list)
     for file in pictures_in(folder, options):
         files[mode_of(file, folder)[0]].append(file)
-    lit = files.get("lit", [])
-    layers = [foreign.parts_of(file) for file in lit]
-    for kind in set[str]().union(*(parts.kinds for parts in layers)):
+    layers = []
+    in_layers: dict[str, list[Path]] = defaultdict(list)
+    for file in files.get("lit", []):
+        parts = foreign.parts_of(file)
+        layers.append(parts)
+        for kind in parts.kinds:
+            in_layers[kind].append(file)
+    for kind, files_of_colors in in_layers.items():
         if not files[kind]:
-            files[kind] = [file for file, parts in zip(lit, layers, strict=True) if kind in parts.kinds]
-    faces = list[Any]()
-    lines = list[str]()
-    choice = None
-    for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
-        stems = [file.stem for file in files[mode]]
-        orders = named(stems, _tried(name) if choice is None else [choice.layout])
-        if len(stems) != 6 or not orders:
-            got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
-            expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
-            if name == "auto" and len(stems) != 6:
-                expected = "six faces, panoramas or a layout that is known"
-                got = _found(folder, files)
-            raise ArgumentError(f"expected {expected}; got {got}")
-        read = [_read_face(file, mode, options) for file in files[mode]]
-        edges = {picture.pixels.shape[:2] for picture in read}
-        if len(edges) > 1 or len(set(*edges)) > 1:
-            raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
-        if choice is None:
-            readings = [(layout, [read[i].pixels for i in order]) for layout, order in orders]
-            choice = choose(readings, name != "auto")
-        order = next(order for layout, order in orders if layout is choice.layout)
-        lines = lines or choice.lines([stems[i] for i in order])
-        faces += _views(mode, choice, [read[i] for i in order])
-    return faces, [*lines, *layer_lines(layers)]
+            files[kind] = files_of_colors
+    return files, layers
+
+
+def _expected_faces(folder: Path, name: str, mode: str, files: Mapping[str, Sequence[Path]]) -> str:
+    """Return why the pictures of a mode are not six faces by a layout, or by any if it is ``auto``."""
+    stems = sorted(file.stem for file in files[mode])
+    if name == "auto" and len(stems) != 6:
+        return f"expected six faces, panoramas or a layout that is known; got {_found(folder, files)}"
+    expected = f"expected six pictures of one place, named as in {_names(name, cells=False)}"
+    return f"{expected}; got {len(stems)} of {mode}: {', '.join(stems[:8])}"
+
+
+def _check_square(pictures: Sequence[Picture]) -> None:
+    """Raise ArgumentError for pictures that are not square, or of several sizes."""
+    sizes = {picture.pixels.shape[:2] for picture in pictures}
+    height, width = pictures[0].pixels.shape[:2]
+    if len(sizes) > 1 or height != width:
+        raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(sizes))}")
 
 
 def _read_face(file: Path, mode: str, options: Options) -> Picture:
@@ -262,31 +308,49 @@ def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
     def pattern(file: Path) -> str:
         return re.sub(r"\d+(?=\D*$)", "{i}", file.relative_to(folder).as_posix())
 
-    words = ("pose", "traj", "groundtruth", "camera")
-    texts = (file for file in files_in(folder) if file.suffix.lower() in _TEXTS)
-    poses = [file for file in texts if any(word in str(file.relative_to(folder)).lower() for word in words)]
-    counts = (f"{len(of)} of {mode}: {', '.join(file.stem for file in of[:8])}" for mode, of in files.items())
+    counts = []
+    for mode, files_of_mode in files.items():
+        stems = ", ".join(file.stem for file in files_of_mode[:8])
+        counts.append(f"{len(files_of_mode)} of {mode}: {stems}")
     found = "; ".join(counts)
+    poses = _files_of_poses(folder)
     if not poses:
         return f"{found}; no poses; if they are posed, --poses FILE and --intrinsics FILE take them"
-    names = {mode: pattern(of[0]) for mode, of in files.items()}
-    place = re.escape(names.get("lit", min(names.values()))).replace(r"\{i\}", r"(?P<i>\d+)")
-    where = f"file: '{pattern(poses[0])}'" if len(poses) > 1 else f"file: '{pattern(poses[0])}', row: i"
-    keys = {mode: f"{{file: '{name}'{', unit: mm' * (mode == 'depth')}}}" for mode, name in names.items()}
-    keys |= {"poses": f"{{{where}}}", "intrinsics": "{fx: FX, fy: FY, cx: CX, cy: CY}"}
-    layout = ", ".join(["pictures: pinhole", f"place: '{place}'", *(f"{key}: {keys[key]}" for key in keys)])
+    patterns = {mode: pattern(files[mode][0]) for mode in files}
+    place = re.escape(patterns.get("lit", min(patterns.values()))).replace(r"\{i\}", r"(?P<i>\d+)")
+    keys = ["pictures: pinhole", f"place: '{place}'"]
+    for mode, name in patterns.items():
+        unit = ", unit: mm" if mode == "depth" else ""
+        keys.append(f"{mode}: {{file: '{name}'{unit}}}")
+    row = "" if len(poses) > 1 else ", row: i"
+    keys.append(f"poses: {{file: '{pattern(poses[0])}'{row}}}")
+    keys.append("intrinsics: {fx: FX, fy: FY, cx: CX, cy: CY}")
+    layout = ", ".join(keys)
     return f"{found}; poses in {poses[0].name}; --layout my.yaml takes them, with {{{layout}}} in it"
+
+
+def _files_of_poses(folder: Path) -> list[Path]:
+    """Return the texts in a folder whose names say that they have poses."""
+    files = []
+    for file in files_in(folder):
+        name = str(file.relative_to(folder)).lower()
+        if file.suffix.lower() in _TEXTS and any(word in name for word in _WORDS_OF_POSES):
+            files.append(file)
+    return files
 
 
 def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in one picture, and what was decided."""
     mode, _ = mode_of(file, file)
     picture = _read_face(file, mode, options)
-    cuts = ((layout, cut(picture.pixels, layout)) for layout in _tried(name) if layout.cells)
-    readings = [(layout, pictures) for layout, pictures in cuts if pictures]
+    readings = []
+    for layout in _tried(name):
+        pictures = cut(picture.pixels, layout) if layout.cells else None
+        if pictures:
+            readings.append((layout, pictures))
     if not readings:
-        got = f"{picture.pixels.shape[1]} x {picture.pixels.shape[0]} px"
-        raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
+        actual = f"{picture.pixels.shape[1]} x {picture.pixels.shape[0]} px"
+        raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {actual}")
     choice = choose(readings, is_given=name != "auto")
     lines = choice.lines([f"face {i}" for i in range(1, 7)])
     faces = _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures])
@@ -305,12 +369,15 @@ def _tried(name: str) -> list[Layout]:
 
 
 def _names(name: str, cells: bool) -> str:
-    return ", ".join(layout.name for layout in _tried(name) if bool(layout.cells) == cells) or name
+    names = [layout.name for layout in _tried(name) if bool(layout.cells) == cells]
+    return ", ".join(names) or name
 
 
 def _views(mode: str, choice: Choice, faces: Sequence[Picture]) -> Faces:
     edge = faces[0].pixels.shape[0]
     is_centered = choice.layout.centered or choice.step < _SEAMLESS
     fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if is_centered else 90.0
-    pairs = zip(faces, choice.arrangement, strict=True)
-    return [(mode, picture, face.R_w_c, fov_deg) for picture, face in pairs]
+    views = []
+    for picture, face in zip(faces, choice.arrangement, strict=True):
+        views.append((mode, picture, face.R_w_c, fov_deg))
+    return views

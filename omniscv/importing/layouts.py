@@ -96,15 +96,34 @@ LAYOUTS = {
 
 
 def named(stems: Sequence[str], layouts: Sequence[Layout]) -> list[tuple[Layout, list[int]]]:
-    """Return the layouts whose words six names of files hold, each with the names' indices in its order."""
-    tokens = [set(re.split(r"[^a-z0-9+-]+", stem.lower())) | set(re.findall(r"\d+$", stem)) for stem in stems]
+    """Return those of the ``layouts`` whose words six names of files hold.
+
+    Each has the indices of the names, which are ``stems`` of files, in its order.
+    """
+    words_of_stems = [_words_of(stem) for stem in stems]
     fits = []
     for layout in layouts:
         for words in layout.words:
-            holders = [[i for i, known in enumerate(tokens) if word in known] for word in words.split()]
-            if all(len(indices) == 1 for indices in holders) and len({i for (i,) in holders}) == len(holders):
-                fits.append((layout, [i for (i,) in holders]))
+            order = _order(words.split(), words_of_stems)
+            if order:
+                fits.append((layout, order))
     return fits
+
+
+def _words_of(stem: str) -> set[str]:
+    """Return the words in the name of a file, and the number at its end."""
+    return {*re.split(r"[^a-z0-9+-]+", stem.lower()), *re.findall(r"\d+$", stem)}
+
+
+def _order(words: Sequence[str], words_of_stems: Sequence[set[str]]) -> list[int]:
+    """Return the index of the name that has each word; none unless each word has one name of its own."""
+    order = []
+    for word in words:
+        indices = [i for i, known in enumerate(words_of_stems) if word in known]
+        if len(indices) != 1:
+            return []
+        order += indices
+    return order if len(set(order)) == len(order) else []
 
 
 def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
@@ -113,8 +132,12 @@ def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
     edge = picture.shape[0] // len(rows)
     if picture.shape[:2] != (edge * len(rows), edge * len(rows[0])):
         return None
-    places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == "#"]
-    return [picture[edge * r : edge * (r + 1), edge * c : edge * (c + 1)] for r, c in places]
+    faces = []
+    for r, row in enumerate(rows):
+        for c, cell in enumerate(row):
+            if cell == "#":
+                faces.append(picture[edge * r : edge * (r + 1), edge * c : edge * (c + 1)])
+    return faces
 
 
 class FaceArranger:
@@ -131,12 +154,14 @@ class FaceArranger:
 
     def step(self, arrangement: Arrangement) -> float:
         """Return the mean step across the twelve edges, grey levels."""
-        of_row = {face.row: (i, face.quarters) for i, face in enumerate(arrangement)}
+        picture_of = {face.row: picture for picture, face in enumerate(arrangement)}
         total = 0.0
-        for (a, i), (b, j) in _edges():
-            (p, k) = of_row[a]
-            (q, m) = of_row[b]
-            total += self._steps[4 * p + (i + k) % 4, 4 * q + (j + m) % 4]
+        for (a, side_a), (b, side_b) in _edges():
+            picture_a = picture_of[a]
+            picture_b = picture_of[b]
+            line_a = 4 * picture_a + (side_a + arrangement[picture_a].quarters) % 4
+            line_b = 4 * picture_b + (side_b + arrangement[picture_b].quarters) % 4
+            total += self._steps[line_a, line_b]
         return float(total / 12)
 
     def best(self) -> tuple[list[Arrangement], float, float]:
@@ -148,15 +173,16 @@ class FaceArranger:
         orders, turns = _all()
         pictures = self._order[orders]
         steps = np.zeros((len(pictures), len(turns)))
-        for (a, i), (b, j) in _edges():
-            first = 4 * pictures[:, a, None] + (i + turns[None, :, a]) % 4
-            steps += self._steps[first, 4 * pictures[:, b, None] + (j + turns[None, :, b]) % 4] / 12
-        of_assignment = np.sort(steps.min(axis=1))
-        alike = [
-            tuple(Face(row, int(turns[k, row])) for row in np.argsort(pictures[p]))
-            for p, k in np.argwhere(steps <= of_assignment[0] + _SAME)
-        ]
-        return alike, float(of_assignment[0]), float(of_assignment[1])
+        for (a, side_a), (b, side_b) in _edges():
+            line_a = 4 * pictures[:, a, None] + (side_a + turns[None, :, a]) % 4
+            line_b = 4 * pictures[:, b, None] + (side_b + turns[None, :, b]) % 4
+            steps += self._steps[line_a, line_b] / 12
+        least_steps = np.sort(steps.min(axis=1))  # by order of the pictures
+        alike = []
+        for order, turn in np.argwhere(steps <= least_steps[0] + _SAME):
+            faces = [Face(row, int(turns[turn, row])) for row in np.argsort(pictures[order])]
+            alike.append(tuple(faces))
+        return alike, float(least_steps[0]), float(least_steps[1])
 
 
 @dataclass(frozen=True)
@@ -171,10 +197,11 @@ class Choice:
 
     def lines(self, names: Sequence[str]) -> list[str]:
         """Return what was chosen, in lines for people; ``names`` of the pictures, in the layout's order."""
-        first = f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.alternative}"
-        pairs = zip(names, self.layout.arrangement, self.arrangement, strict=True)
-        others = [pair for pair in pairs if pair[1] != pair[2]]
-        return [first, *(f"{name} shows {face}, not {due}: put right" for name, due, face in others)]
+        lines = [f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.alternative}"]
+        for name, due, face in zip(names, self.layout.arrangement, self.arrangement, strict=True):
+            if face != due:
+                lines.append(f"{name} shows {face}, not {due}: put right")
+        return lines
 
 
 class _Reading(NamedTuple):
@@ -214,9 +241,9 @@ def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) 
     if chosen.step <= least + _SAME:
         return replace(choice, alternative=f"next best: {_next_best(chosen, candidates, second)}")
     if second < _CLEAR * least + _SAME:
+        expected = "expected six faces that fit together, got none that do clearly"
         steps = f"steps of {chosen.step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
-        got = f"{layout.name} has {steps}"
-        raise ArgumentError(f"layout: expected six faces that fit together, got none that do clearly: {got}")
+        raise ArgumentError(f"layout: {expected}: {layout.name} has {steps}")
     flipped = FaceArranger([picture[:, ::-1] for picture in chosen.pictures]).step(layout.arrangement)
     mirrored = ""
     if flipped <= least + _SAME:
@@ -263,8 +290,8 @@ def _next_best(chosen: _Reading, candidates: Sequence[_Reading], other_faces_ste
             tied.append(name)
     if len(tied) > 1:
         advice = " or ".join(f"--layout {name}" for name in tied)
-        got = f"seams cannot tell {' and '.join(tied)} apart ({chosen.step:.2f} levels)"
-        raise ArgumentError(f"layout: {got}: expected {advice}")
+        why = f"seams cannot tell {' and '.join(tied)} apart ({chosen.step:.2f} levels)"
+        raise ArgumentError(f"layout: {why}: expected {advice}")
     step, name = others[0] if others else (other_faces_step, "other faces")
     return f"{name}, {step:.2f}"
 
@@ -286,20 +313,25 @@ def _most_alike(arrangements: Sequence[Arrangement], expected: Arrangement) -> A
 
 def _rotations(arrangement: Arrangement) -> list[Arrangement]:
     """The arrangement in all 24 orientations of the cube, itself first."""
-    rows = np.array([face.R_w_c for face in arrangement])
-    faces = [Face(row, k) for row, k in product(range(6), range(4))]
-    known = {np.round(face.R_w_c).astype(int).tobytes(): face for face in faces}
+    faces = [Face(row, quarters) for row, quarters in product(range(6), range(4))]
+    known = {_bytes_of(face.R_w_c): face for face in faces}
     turned = []
-    for row, quarters in product(range(6), range(4)):
-        R = Face(row, quarters).R_w_c @ Face(0).R_w_c.T
-        turned.append(tuple(known[np.round(R @ R_w_c).astype(int).tobytes()] for R_w_c in rows))
+    for front in faces:
+        R = front.R_w_c @ Face(0).R_w_c.T
+        turned.append(tuple(known[_bytes_of(R @ face.R_w_c)] for face in arrangement))
     return turned
+
+
+def _bytes_of(whole: Array) -> bytes:
+    """Return the bytes of an array of whole numbers, rounding aside."""
+    return np.round(whole).astype(int).tobytes()
 
 
 def _grey_levels(picture: Pixels) -> Array:
     """(H, W, 3) 0 to 255, of colours of any type; of depth (H, W) its inverse, of ids their low bytes."""
     if picture.ndim == 2:
-        picture = np.asarray(1 / (1 + picture) if picture.dtype.kind == "f" else picture & 255, np.float32)
+        is_depth = picture.dtype.kind == "f"
+        picture = np.asarray(1 / (1 + picture) if is_depth else picture & 255, np.float32)
         picture = np.repeat(picture[..., None], 3, axis=-1) / (255 if picture.max() > 1 else 1)
     white = 1.0 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
     colors = np.asarray(picture, np.float64).reshape(*picture.shape[:2], -1)[..., :3]
@@ -324,8 +356,8 @@ def _edges() -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
     for row in range(6):
         for side in range(4):
             place = Face(row).R_w_c @ (sides[side] + (0, 0, 1))
-            places.setdefault(np.round(place).astype(int).tobytes(), []).append((row, side))
-    return tuple((a, b) for a, b in places.values())
+            places.setdefault(_bytes_of(place), []).append((row, side))
+    return tuple((first, second) for first, second in places.values())
 
 
 @cache

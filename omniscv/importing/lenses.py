@@ -27,10 +27,10 @@ _WIDEST = np.tan(np.radians(60))  # half a flat picture: beyond, four pixels sho
 _NARROWEST = 0.01  # half a flat picture that is one
 _ROWS = 64  # of a face that are looked up at a time
 _PLACES = 32  # of a pixel, that OpenCV tells apart
-# points of a side; steps of a search; tangent near the axis
-_SIDE = 33
-_HALVINGS = 40
-_NEAR = 1e-4
+# The largest flat picture that a lens shows all over:
+_SIDE = 33  # points of a side that must be shown
+_HALVINGS = 40  # of the search
+_NEAR = 1e-4  # tangent near the axis, at which its focal length is taken
 
 
 Maps = tuple[Pixels, Pixels]
@@ -54,20 +54,27 @@ class Pinhole(NamedTuple):
         return any(self.distortion)
 
     def scaled(self, width: int, height: int) -> Pinhole:
-        """Return the lens of pictures of another size; ArgumentError for another shape."""
+        """Return the lens of pictures of ``width`` by ``height`` px; ArgumentError for another shape."""
         across = width / self.width
         down = height / self.height
         if abs(across / down - 1) > _SAME_SHAPE:
             expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
             raise ArgumentError(f"{expected}, got {width} x {height}")
-        px = self.fx * across, self.fy * down, self.cx * across, self.cy * down
-        return Pinhole(*px, width, height, self.distortion)
+        return Pinhole(
+            fx=self.fx * across,
+            fy=self.fy * down,
+            cx=self.cx * across,
+            cy=self.cy * down,
+            width=width,
+            height=height,
+            distortion=self.distortion,
+        )
 
     def view(self, pose: Pose) -> View:
         """Return the view of a picture without distortion."""
         lens = Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
-        size = int(self.width), int(self.height)
-        return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
+        fov_deg = pinhole.fov_deg(self.width, self.fx)
+        return View(pose, fov_deg, int(self.width), int(self.height), None if lens == Lens() else lens)
 
     @property
     def flat(self) -> tuple[Maps, Pinhole]:
@@ -96,49 +103,63 @@ class Wide:
     is_bent = True
 
     def scaled(self, width: int, height: int) -> Wide:
-        """Return the lens; ArgumentError for pictures of another size."""
-        size = self.camera.width, self.camera.height
-        if (width, height) != size:
-            raise ArgumentError(f"expected {size[0]} x {size[1]}, as its lens, got {width} x {height}")
+        """Return the lens; ArgumentError for pictures of another size than ``width`` by ``height`` px."""
+        if (width, height) != (self.camera.width, self.camera.height):
+            expected = f"expected {self.camera.width} x {self.camera.height}, as its lens"
+            raise ArgumentError(f"{expected}, got {width} x {height}")
         return self
 
     @cached_property
     def flat(self) -> tuple[Maps, Pinhole]:
         """The pixels, as OpenCV counts them, of the largest flat picture of at most 120 degrees that is shown
         all over; its lens."""
-        width, height = self.camera.width, self.camera.height
+        size = np.array([self.camera.width, self.camera.height])
+        across, down = size / size.max()
         side = np.linspace(-1, 1, _SIDE)
         ends = np.ones(_SIDE)
-        border = np.concatenate([[[side, sign * ends], [sign * ends, side]] for sign in (-1, 1)])
-        x, y = np.moveaxis(border, 1, 0)
-        across, down = np.array([width, height]) / max(width, height)
+        x = np.stack([side, -ends, side, ends])
+        y = np.stack([-ends, side, ends, side])
 
-        def shown_all(reach: float) -> bool:
+        def is_shown(reach: float) -> bool:
             points = np.stack([x * across * reach, y * down * reach, np.ones_like(x)], axis=-1)
             return bool(self.camera.project(points)[1].all())
 
-        low, high = 0.0, _WIDEST
+        low = 0.0
+        high = _WIDEST
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            low, high = (middle, high) if shown_all(middle) else (low, middle)
+            if is_shown(middle):
+                low = middle
+            else:
+                high = middle
         near = self.camera.project([[_NEAR, 0, 1], [-_NEAR, 0, 1], [0, _NEAR, 1], [0, -_NEAR, 1]])[0]
         focal = max(float(near[0, 0] - near[1, 0]), float(near[2, 1] - near[3, 1])) / (2 * _NEAR)
         if not (low > _NARROWEST and focal > 0):
             raise ArgumentError(f"expected a lens that looks ahead, got {self.camera!r}")
-        w, h = (2 * max(1, int(low * focal * share)) for share in (across, down))
-        x, y = np.meshgrid(np.arange(w) + 0.5 - w / 2, np.arange(h) + 0.5 - h / 2)
+        width = 2 * max(1, int(low * focal * across))
+        height = 2 * max(1, int(low * focal * down))
+        x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
         pixels, _ = self.camera.project(np.stack([x / focal, y / focal, np.ones_like(x)], axis=-1))
         u, v = np.moveaxis((pixels - 0.5).astype(np.float32), -1, 0)
-        return (u, v), Pinhole(focal, focal, w / 2, h / 2, w, h)
+        return (u, v), Pinhole(focal, focal, width / 2, height / 2, width, height)
 
 
 def straight(
     pixels: Pixels, lens: Pinhole | Wide, mode: str, step_m: float | Pixels = 0.0
 ) -> tuple[Pixels, Pinhole]:
-    """Return the flat picture of a bent one, sampled as by :func:`to_faces`, and its lens."""
+    """Return the flat picture of a bent one, sampled as by :func:`to_faces`, and its lens.
+
+    Args:
+        pixels: of the bent picture: colours, masks, or depth along the ray.
+        lens: of it.
+        mode: ``lit``, ``object_mask`` or ``depth``.
+        step_m: between two numbers that depth was stored in, of all or (H, W); 0 of float32.
+    """
     maps, flat = lens.flat
-    layers = _layers(pixels, mode, step_m, 1 / flat.fx, _beyond)
-    return _of_layers([_remap(*layer, maps) for layer in layers], mode), flat
+    layers = []
+    for layer, filter_ in _layers(pixels, mode, step_m, 1 / flat.fx, _beyond):
+        layers.append(_remap(layer, filter_, maps))
+    return _of_layers(layers, mode), flat
 
 
 def of_values(
@@ -146,8 +167,13 @@ def of_values(
 ) -> Pinhole | Wide | None:
     """Return the lens of values that a file of a form of :func:`omniscv.calibration.formats` would hold.
 
-    None for a panorama. Without a size that of the picture, px, is taken; ``shift_px`` is added to the centre
-    to make it ours, if it is not that of the form.
+    None for a panorama.
+
+    Args:
+        values: of the file.
+        form: its name.
+        size: width and height of the picture, px, where the values have none.
+        shift_px: added to the centre to make it ours; None for that of the form.
     """
     from omniscv.calibration.files import read_values  # slow to load
 
@@ -155,7 +181,13 @@ def of_values(
 
 
 def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole | Wide:
-    """Return the lens of keys of a layout; ``centers`` is where the first pixel has its centre."""
+    """Return the lens of keys of a layout; ``centers`` is where the first pixel has its centre.
+
+    Args:
+        name: of the keys, for messages.
+        value: a mapping with them.
+        size: width and height of the picture, px.
+    """
     values = mapping(name, value)
     center = number(f"{name}.centers", values.pop("centers", 0.5))
     if center not in (0, 0.5):
@@ -168,32 +200,59 @@ def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole | Wide:
 def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole | Wide, Array]:
     """Return the lens of the key ``intrinsics`` of a layout, and its centre (3,) in the frame of its poses.
 
-    ``file`` names JSON with fx, fy, cx and cy, or a text of a matrix, in the line that starts with ``row``.
+    Args:
+        value: of the key. ``file`` names JSON with fx, fy, cx and cy, or a text of a matrix, in the line that
+            starts with ``row``.
+        folder: of the pictures; the file is there or in the folder around it.
+        size: width and height of the pictures, px.
     """
     values = mapping("intrinsics", value)
-    if (name := values.pop("file", "")) == "":
+    name = values.pop("file", "")
+    if name == "":
         return of_keys("intrinsics", values, size), np.zeros(3)
     row = values.pop("row", "")
     center = values.pop("centers", 0.5)
-    places = [at / name for at in (folder, folder.absolute().parent)]
-    file = next((place for place in places if place.exists()), places[0])
+    file = folder / name
+    above = folder.absolute().parent / name
+    if not file.exists() and above.exists():
+        file = above
     with within(file.name):
         content = read_bytes(file, MOST_JSON_BYTES)
         if file.suffix == ".json":
-            data = parse_json(content)
-            data = data.get("camera", data)
-            if data.get("scale", _SCALE) != _SCALE:
-                raise ArgumentError(f"scale: expected {_SCALE:g} of a metre, got {shown(data['scale'])}")
-            size = int(data.get("w", size[0])), int(data.get("h", size[1]))
-            P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
+            P, size = _matrix_of_json(parse_json(content), size)
         else:
-            lines = decode_text(content, "replace").splitlines()
-            words = " ".join(line.removeprefix(row) for line in lines if line.startswith(row)).split()
-            P = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
-            P = np.column_stack([P.reshape(3, 3), np.zeros(3)]) if P.size == 9 else P.reshape(-1, 4)[:3]
-        keys = {"fx": P[0, 0], "fy": P[1, 1], "cx": P[0, 2], "cy": P[1, 2], "centers": center}
-        lens = of_keys("intrinsics", {key: float(number) for key, number in keys.items()}, size)
-        return lens, -np.linalg.solve(P[:, :3], P[:, 3])
+            P = _matrix_of_text(decode_text(content, "replace"), row)
+        keys = {
+            "fx": float(P[0, 0]),
+            "fy": float(P[1, 1]),
+            "cx": float(P[0, 2]),
+            "cy": float(P[1, 2]),
+            "centers": float(center),
+        }
+        lens = of_keys("intrinsics", keys, size)
+        return lens, np.asarray(-np.linalg.solve(P[:, :3], P[:, 3]))
+
+
+def _matrix_of_json(data: Any, size: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
+    """Return the projection (3, 4) of a lens at the origin, and its size, px, where the JSON has that."""
+    data = data.get("camera", data)
+    if data.get("scale", _SCALE) != _SCALE:
+        raise ArgumentError(f"scale: expected {_SCALE:g} of a metre, got {shown(data['scale'])}")
+    size = (int(data.get("w", size[0])), int(data.get("h", size[1])))
+    P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
+    return P, size
+
+
+def _matrix_of_text(content: str, row: str) -> Array:
+    """Return the projection (3, 4) of 9, 12 or 16 numbers, in the lines of a text that start with ``row``."""
+    words: list[str] = []
+    for line in content.splitlines():
+        if line.startswith(row):
+            words += line.removeprefix(row).split()
+    P = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
+    if P.size == 9:
+        return np.column_stack([P.reshape(3, 3), np.zeros(3)])
+    return P.reshape(-1, 4)[:3]
 
 
 def of_file(file: Path, size: tuple[int, int]) -> Pinhole | Wide | None:
@@ -218,9 +277,16 @@ def _lens(camera: Any) -> Pinhole | Wide | None:
     if camera.name != "pinhole" or camera.skew or camera.fov_deg is not None:
         return Wide(camera)
     terms = camera.distortion.tolist()
-    count = next(n for n in (0, 5, 8, 12) if not any(terms[n:]))
-    size = camera.width, camera.height
-    return Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, *size, tuple(terms[:count]))
+    count = next(count for count in (0, 5, 8, 12) if not any(terms[count:]))
+    return Pinhole(
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        width=camera.width,
+        height=camera.height,
+        distortion=tuple(terms[:count]),
+    )
 
 
 def to_faces(
@@ -244,7 +310,7 @@ def to_faces(
     edge = width // 2
     layers = _layers(picture, mode, step_m, 2 * np.pi / width, _around)
     for _, R_w_c in cube_rotations():
-        faces = [np.empty((edge, edge, *each.shape[2:]), each.dtype) for each, _ in layers]
+        faces = [np.empty((edge, edge, *layer.shape[2:]), layer.dtype) for layer, _ in layers]
         for first in range(0, edge, _ROWS):
             rows = slice(first, min(first + _ROWS, edge))
             pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
@@ -255,8 +321,8 @@ def to_faces(
             # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
             u_px = u * (width - 1) if of_openexr else u * width - 0.5
             v_px = v * (height - 1) if of_openexr else v * height - 0.5
-            for face, layer in zip(faces, layers, strict=True):
-                face[rows] = _remap(*layer, (u_px, v_px))
+            for face, (layer, filter_) in zip(faces, layers, strict=True):
+                face[rows] = _remap(layer, filter_, (u_px, v_px))
         pixels = _of_layers(faces, mode)
         if mode == "depth":
             pixels[..., 0] /= View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
@@ -276,20 +342,25 @@ def _layers(
 
     linear = cv2.INTER_LINEAR
     nearest = cv2.INTER_NEAREST
-    layers = [(picture, linear if mode == "lit" else nearest)]
-    if mode == "depth":
-        inverse, change, bends, known = _inverse(picture, step_m, pixel_rad, around)
-        off = cv2.dilate(around(bends + change / _PLACES), np.ones((3, 3)))[1:-1, 1:-1]
-        alone, between = (_error(inverse, by, known, step_m) for by in (change + 0.25 * bends, off))
-        layers += [(alone, nearest), (between, nearest)]
-        layers += [(each.astype(np.float32), linear) for each in (np.where(known, inverse, 0), ~known)]
-    return [(around(layer), filter_) for layer, filter_ in layers]
+    if mode != "depth":
+        return [(around(picture), linear if mode == "lit" else nearest)]
+    inverse, change, bends, known = _inverse(picture, step_m, pixel_rad, around)
+    off = cv2.dilate(around(bends + change / _PLACES), np.ones((3, 3)))[1:-1, 1:-1]
+    return [
+        (around(picture), nearest),
+        (around(_error(inverse, change + 0.25 * bends, known, step_m)), nearest),
+        (around(_error(inverse, off, known, step_m)), nearest),
+        (around(np.where(known, inverse, 0).astype(np.float32)), linear),
+        (around((~known).astype(np.float32)), linear),
+    ]
 
 
 def _remap(layer: Pixels, filter_: int, maps: tuple[Array, Array] | Maps) -> Pixels:
+    """Return the pixels of a layer, which has one more on every side, at columns and rows."""
     import cv2
 
-    x, y = (np.asarray(each + 1, np.float32) for each in maps)
+    x = np.asarray(maps[0] + 1, np.float32)
+    y = np.asarray(maps[1] + 1, np.float32)
     return np.asarray(cv2.remap(layer, x, y, filter_))
 
 
