@@ -85,9 +85,12 @@ def _ring(width: int, height: int, support: int) -> Ints:
     down = np.arange(height)
     above = np.arange(-support, 0)
     below = np.arange(height, height + support)
-    left, right = np.arange(-support, 0), np.arange(width, width + support)
-    bands = [(across, above), (across, below), (left, down), (right, down)]
-    return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])
+    left = np.arange(-support, 0)
+    right = np.arange(width, width + support)
+    bands = []
+    for x, y in ((across, above), (across, below), (left, down), (right, down)):
+        bands.append(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return np.concatenate(bands)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +137,8 @@ class Atlas:
         self.levels: list[Level] = []
         top = right = 0
         for level in levels:
-            width, height = (n >> level for n in (views[0].width, views[0].height))
+            width = views[0].width >> level
+            height = views[0].height >> level
             slot = np.array([width + 2 * support, height + 2 * support])
             columns = max(1, min(int(np.ceil(np.sqrt(len(views)))), LARGEST_PX // int(slot[0])))
             at = np.array([divmod(i, columns)[::-1] for i in range(len(views))])
@@ -181,7 +185,8 @@ class Atlas:
             lookup: of N rays.
             level: (N,) uint8 mip level at which each is sampled; 0 if not given.
         """
-        x, y = np.empty_like(lookup.x), np.empty_like(lookup.y)
+        x = np.empty_like(lookup.x)
+        y = np.empty_like(lookup.y)
         level = np.zeros(len(x), np.uint8) if level is None else level
         corners = np.array([level.corners for level in self.levels], dtype=np.float64)
         scales = 0.5 ** np.arange(self._first + len(self.levels))

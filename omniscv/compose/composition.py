@@ -111,22 +111,18 @@ class Composing:
 
     def _capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
-        plan = self._plan
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
-        self._stopped = round_.stopped or self._stopped
-        self._strategy = round_.instead or self._strategy
+        if round_.stopped:
+            self._stopped = round_.stopped
+        if round_.instead:
+            self._strategy = round_.instead
         if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept: Captures = []
         requests = round_.requests(self._modes)
         self._pixels += pixels_of(request.view for request in requests)
         self._progress += Progress(of_captures=len(requests))
-        for viewpoint in serving:
-            finer = [request.view for request in viewpoint.finer(self._modes)]
-            lacking = finer and plan.recorded is not None and not plan.recorded.hold(finer)
-            if lacking and plan.available(viewpoint.views):
-                expected = "checks: expected a recording with ground truth in a second size for 'beat'"
-                raise MissingCaptureError(f"{expected}, got one size", None, "record with checks=beat")
+        self._require_second_size(serving)
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
@@ -138,6 +134,17 @@ class Composing:
             self._progress += captured_progress(captures)
             self._report(self._progress)
         return kept
+
+    def _require_second_size(self, viewpoints: Sequence[Viewpoint]) -> None:
+        """Raise MissingCaptureError if a recording has one size of ground truth and ``beat`` needs two."""
+        if self._plan.recorded is None:
+            return
+        for viewpoint in viewpoints:
+            compared = [request.view for request in viewpoint.finer(self._modes)]
+            if self._plan.recorded.hold(compared) or not self._plan.available(viewpoint.views):
+                continue
+            expected = "checks: expected a recording with ground truth in a second size for 'beat'"
+            raise MissingCaptureError(f"{expected}, got one size", None, "record with checks=beat")
 
     def _image(self) -> OmniImage:
         """Return the image as far as it is composed."""

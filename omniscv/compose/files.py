@@ -68,20 +68,31 @@ class Forms(TypedDict, total=False):
 
 
 def register(suffix: str, writer: Writer) -> None:
-    """Register a function that writes files of a suffix, which then is an ``image_format`` of images."""
+    """Register a ``writer`` of files of a ``suffix``, which then is an ``image_format`` of images."""
     FORMS[suffix] = FORMS.get(suffix, Form())._replace(write=writer)
 
 
 def formats() -> tuple[str, ...]:
     """Return the values of ``image_format``."""
     plugins.load()
-    return tuple(suffix for suffix, form in FORMS.items() if form.write and suffix != ARRAY)
+    names = []
+    for suffix, form in FORMS.items():
+        if form.write and suffix != ARRAY:
+            names.append(suffix)
+    return tuple(names)
 
 
 def check_format(image_format: str = "png", store: str = "files", depth_format: str = "exr") -> None:
-    """Raise ArgumentError unless a writer is registered for an image format, and the others are known.
+    """Refuse forms of files that are not known.
 
-    OmniscvError: the package of the store is missing.
+    Args:
+        image_format: of colours: a suffix that has a writer.
+        store: one of :data:`STORES`.
+        depth_format: one of :data:`DEPTH_FORMATS`.
+
+    Raises:
+        ArgumentError: one of them is unknown.
+        OmniscvError: the package of the store is missing.
     """
     one_of("depth_format", depth_format, DEPTH_FORMATS)
     if one_of("store", store, STORES) == "fast":
@@ -152,6 +163,13 @@ def write_layers(
     Blank marks have no file. Files of 8-bit colours say that they are sRGB where the transfer is ``srgb`` or
     ``film``.
 
+    Args:
+        layers: by the names of :mod:`omniscv.modalities`.
+        out: the folder.
+        stem: start of the file names.
+        transfer: of the colours; see :data:`omniscv.modalities.TRANSFERS`.
+        written_as: see :class:`Forms`.
+
     Returns:
         The files by layer, each written whole or not at all.
 
@@ -167,19 +185,29 @@ def write_layers(
             row = replace(row, attributes=modalities.SRGB)
         pictures.append((out / f"{stem}.{ending}", layers[name], row))
     written = side_by_side(lambda picture: write_picture(*picture), pictures)
-    return {row.name: path for (_, _, row), path in zip(pictures, written, strict=True)}
+    paths = {}
+    for (_, _, row), path in zip(pictures, written, strict=True):
+        paths[row.name] = path
+    return paths
 
 
 def _endings(layers: Mapping[str, NDArray[Any]], **written_as: Unpack[Forms]) -> dict[str, str]:
     """Return, by the layers that have a file, how its name goes on after the stem and a dot."""
     omitted = blank(layers)
-    rows = [row for row in modalities.layers() if row.name in layers and row.name not in omitted]
-    return {row.name: f"{row.name}.{_suffix(row, layers[row.name], **written_as)}" for row in rows}
+    endings = {}
+    for row in modalities.layers():
+        if row.name in layers and row.name not in omitted:
+            endings[row.name] = f"{row.name}.{_suffix(row, layers[row.name], **written_as)}"
+    return endings
 
 
 def blank(layers: Mapping[str, NDArray[Any]]) -> list[str]:
     """Return the names of the marks that no pixel has, which therefore have no file."""
-    return [name for name, pixels in layers.items() if modalities.get(name).mark and not pixels.any()]
+    names = []
+    for name, pixels in layers.items():
+        if modalities.get(name).mark and not pixels.any():
+            names.append(name)
+    return names
 
 
 @cache
@@ -191,16 +219,17 @@ def versions() -> dict[str, str]:
 def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | None, dict[str, Any]]:
     """Return the content of ``objects.json``, None if there is no file, and the same with more objects;
     ArgumentError where a label would get another object or mask colour, or an object another label."""
-    named = ((name, list(objects.colors[name])) for name in objects.names())
-    listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
+    listed: dict[str, dict[str, Any]] = {}
+    for number, name in enumerate(objects.names(), start=1):
+        listed[str(number)] = {"name": name, "mask_color": list(objects.colors[name])}
     if not path.exists():
         return None, listed
     try:
         existing = parse_json(read_bytes(path, MOST_JSON_BYTES))
         label_of = {entry["name"]: label for label, entry in existing.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as cause:
-        got = f"{type(cause).__name__}, {shown(str(cause))}"
-        raise ArgumentError(f"{path}: expected labels and their objects, got: {got}") from cause
+        fault = f"{type(cause).__name__}, {shown(str(cause))}"
+        raise ArgumentError(f"{path}: expected labels and their objects, got: {fault}") from cause
     for label, entry in listed.items():
         name = entry["name"]
         previous = label_of.get(name, label)
@@ -227,7 +256,13 @@ def _suffix(
 
 
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
-    """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
+    """Write one layer in the form of the path's suffix, and return the path.
+
+    Args:
+        path: the file.
+        pixels: (H, W) or (H, W, C).
+        row: the layer's modality.
+    """
     halves = row.file == "bound" and form_of(path).halves
     with whole_file(path) as part:
         forms.write_picture(part, as_halves(pixels) if halves else pixels, row)
@@ -236,6 +271,11 @@ def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) ->
 
 def write_json(path: Path, data: object, indent: int | None = 2) -> Path:
     """Write plain values as a file, whole or not at all, and return its path.
+
+    Args:
+        path: the file.
+        data: what JSON has: texts, numbers, lists, mappings.
+        indent: spaces of a level; None: all on one line.
 
     Raises:
         ArgumentError: values that JSON does not have, such as NaN or arrays.
@@ -278,9 +318,15 @@ def read(path: Path, name: str) -> NDArray[Any]:
 
 
 def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
-    """Raise ArgumentError unless a file is a picture of a layer in this width and height, px.
+    """Refuse a file that is no picture of a layer in a size; only its header is read.
 
-    Only its header is read.
+    Args:
+        path: the file.
+        name: of the layer.
+        size: width and height, px.
+
+    Raises:
+        ArgumentError: the file is no such picture.
     """
     with _opened(path, modalities.get(name)) as picture:
         if size != (picture.width, picture.height):
@@ -296,8 +342,9 @@ def _opened(path: Path, row: Modality) -> Iterator[Opened]:
         dtypes = ("uint8",) if row.mark else row.dtypes
         dtypes = ("float16", "float32") if row.file == "bound" else dtypes
         if picture.channels != (row.channels or 1) or picture.dtype not in dtypes:
-            got = f"{picture.dtype} of shape {(picture.height, picture.width, picture.channels)}"
-            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
+            shape = (picture.height, picture.width, picture.channels)
+            expected = f"expected {' or '.join(row.dtypes)} pixels of {row.name}"
+            raise ArgumentError(f"{expected}, got {picture.dtype} of shape {shape}")
         yield picture
     except (OSError, BadReplyError) as fault:
         raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault

@@ -244,19 +244,30 @@ class OmniImage:
 
     def description(self) -> dict[str, Any]:
         """Return the plain values of ``STEM.json``."""
-        reports = {key: self.provenance[key] for key in _REPORTS if key in self.provenance}
+        reports = {}
+        source = {}
+        for key, value in self.provenance.items():
+            if key not in _REPORTS:
+                source[key] = value
+        for key in _REPORTS:
+            if key in self.provenance:
+                reports[key] = self.provenance[key]
         reached = {}
         if self.effort.stopped:
             effort = asdict(self.effort)
             reached = {"accuracy": {**effort, "doubtful": self.doubtful, "seconds": self.seconds}}
+        transfer = {}
+        if self.lit is not None and self.transfer != "unknown":
+            transfer = {"transfer": self.transfer}
+        unseen = {"unseen": self.unseen} if self.options.unseen == "blank" else {}
         return {
             "camera": self.camera.to_dict(),
             "pose": self.pose.to_dict(),
             "options": asdict(self.options),
-            **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
+            **transfer,
             **reached,
-            **({"unseen": self.unseen} if self.options.unseen == "blank" else {}),
-            "source": {key: each for key, each in self.provenance.items() if key not in reports},
+            **unseen,
+            "source": source,
             **reports,
             "unsure_pixels": _count(self.unsure),
             "occluded_pixels": _count(self.occluded),

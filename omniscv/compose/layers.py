@@ -28,8 +28,8 @@ MARKS = "label_edge", "unsure"
 
 
 def doubt_of(layers: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Mask:
-    """Return (H, W) where the label or depth may be wrong, as far as layers say it: ``MARKS``, and depth that
-    may be off by more than 1 %."""
+    """Return (H, W) where the label or depth may be wrong, as far as layers of that shape say it: ``MARKS``,
+    and depth that may be off by more than 1 %."""
     doubt = np.zeros(shape, np.bool_)
     for name in MARKS:
         doubt |= layers.get(name, np.False_)
@@ -39,7 +39,7 @@ def doubt_of(layers: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Mask
 
 
 def inexact(depth: NDArray[Any], error: NDArray[Any]) -> Mask:
-    """Return where depth may be off by more than 1 %, or is not bounded."""
+    """Return where depth with a bound ``error`` may be off by more than 1 %, or has no bound."""
     return np.asarray(~np.isfinite(error) | (error > DOUBTFUL * depth))
 
 
@@ -60,7 +60,13 @@ class Canvas:
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
-        """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values."""
+        """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values.
+
+        Args:
+            name: of the layer.
+            pixels: (N,) flat indices.
+            values: (N, ...), or for all pixels.
+        """
         if name in self._seen:
             self._seen[name][pixels] = True
         if self._central and len(values) == self._valid.size:
@@ -69,7 +75,7 @@ class Canvas:
             self.put_part(name, pixels, values)
 
     def put_part(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
-        """Set a layer's values (N, ...) at (N,) flat indices."""
+        """Set the values (N, ...) of the layer of a name at ``pixels``, (N,) flat indices."""
         if name not in self.flat:
             self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
         self.flat[name][pixels] = values
@@ -80,7 +86,7 @@ class Canvas:
         return self.flat["sky"].reshape(self._valid.shape) if "sky" in self.flat else None
 
     def put_centers(self, pixels: Ints, centers_w: Array) -> None:
-        """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
+        """Set where depth is measured from: ``centers_w`` (3,), or (N, 3) at flat indices ``pixels`` (N,)."""
         if self._central:
             self._centers_w = centers_w
         else:
@@ -155,8 +161,14 @@ def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
 
 
 def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
-    """Tell surfaces that are farther than captures reach from the sky: depth is +inf for both, right without
-    a label, and unsure with one. Of an image's layers, ``depth_error`` and ``unsure`` are changed."""
+    """Tell surfaces that are farther than captures reach from the sky.
+
+    Depth is +inf for both: right without a label, and unsure with one.
+
+    Args:
+        layers: of the image; ``depth_error`` and ``unsure`` are changed.
+        valid: (H, W).
+    """
     if "depth" not in layers or "labels" not in layers:
         return
     endless = valid & (layers["depth"] == np.inf)
@@ -199,7 +211,7 @@ _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 
 
 def round_depth(depth: Floats, error: Floats) -> tuple[Floats, Floats]:
-    """Return depth and its bound (H, W), metres, rounded; neither argument is changed.
+    """Return depth and ``error``, its bound, (H, W) metres, rounded; neither argument is changed.
 
     Infinite depth, 0, and depth whose bound is 0 or infinite stay. A bound becomes the next number of six
     binary digits that is not less, as half floats have them; +inf beyond the last.

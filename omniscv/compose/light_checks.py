@@ -125,7 +125,7 @@ class Findings:
     untested: dict[str, str] = field(default_factory=dict)
 
     def mark(self, bit: str, at: Mask, name: str = "", *why: str) -> None:
-        """Set a bit where ``at`` (H, W) is."""
+        """Set a bit where ``at`` (H, W) is, of the object of a ``name``; ``why`` are its reasons."""
         self.bits[at] |= BITS[bit]
         if name:
             self.objects.setdefault(bit, {})[name] = list(why)
@@ -140,7 +140,6 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
         source: captured once more from beside the camera, and without objects that are seen through.
         render: makes these images.
     """
-    options = image.options
     findings = Findings(np.zeros(image.valid.shape, np.uint8))
     efforts = [image.effort]
 
@@ -151,40 +150,59 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
 
     table = image.objects.names() if image.objects else []
     examined = Examined(image, dict(enumerate(table, start=1)), {})
-    listed = {}
-    if sky is not None and image.labels is not None:
-        named = np.unique(image.labels[sky & image.valid]).tolist()
-        listed = {examined.names[label]: ["sky"] for label in named if label}
-    if options.checks == "light":
+    domes = _objects_of_sky(examined, sky)
+    if image.options.checks == "light":
         findings.bits[:] = image.layers.get("light", 0)
         if "relit" in image.layers:
             findings.mark("relit", image["relit"])
-        if lacking := [name for name in ("lit", "labels", "depth") if name not in image.layers]:
-            why = f"expected an image with {', '.join(lacking)}"
-            findings.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
-        else:
-            if source.capabilities.moves:
-                why = "expected a world that stands still"
-                findings.untested |= dict.fromkeys(("translucent", "mismatch"), why)
-            else:
-                examined = replace(examined, boxes=source.geometry().boxes)
-            beside = _beside(examined, source, counted, findings)
-            for name, signs in _domes(examined, beside).items():
-                listed[name] = [*listed.get(name, []), *signs]
-            _mark_mismatch(examined, listed, findings)
-            _mark_translucent(examined, source, counted, findings)
+        _mark_light(examined, domes, source, counted, findings)
     if image.labels is not None:
         for name, at in examined.of_label(sure=False):
-            if name in listed:
-                findings.mark("dome", at, name, *listed[name])
+            if name in domes:
+                findings.mark("dome", at, name, *domes[name])
     layers = _with_sky(image, (findings.bits & BITS["dome"]) > 0)
-    if options.checks == "light":
+    if image.options.checks == "light":
         layers["light"] = np.where(image.valid, findings.bits, np.uint8(0))
     report = {"objects": findings.objects, "untested": findings.untested}
-    captures, megapixels = (sum(getattr(each, of) for each in efforts) for of in ("captures", "megapixels"))
+    captures = sum(effort.captures for effort in efforts)
+    megapixels = sum(effort.megapixels for effort in efforts)
     effort = replace(image.effort, captures=captures, megapixels=megapixels)
     provenance = {**image.provenance, "light": report}
     return replace(image, layers=layers, provenance=provenance, effort=effort)
+
+
+def _objects_of_sky(examined: Examined, sky: Mask | None) -> dict[str, list[str]]:
+    """Return the objects that the options call sky, as far as the image shows them, with that reason."""
+    image = examined.image
+    objects: dict[str, list[str]] = {}
+    if sky is None or image.labels is None:
+        return objects
+    for label in np.unique(image.labels[sky & image.valid]).tolist():
+        if label:
+            objects[examined.names[label]] = ["sky"]
+    return objects
+
+
+def _mark_light(
+    examined: Examined, domes: dict[str, list[str]], source: Source, render: Render, findings: Findings
+) -> None:
+    """Set the bits of ``checks: light``, and add the domes that are found to ``domes``."""
+    layers = examined.image.layers
+    missing = [name for name in ("lit", "labels", "depth") if name not in layers]
+    if missing:
+        why = f"expected an image with {', '.join(missing)}"
+        findings.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
+        return
+    if source.capabilities.moves:
+        why = "expected a world that stands still"
+        findings.untested |= dict.fromkeys(("translucent", "mismatch"), why)
+    else:
+        examined = replace(examined, boxes=source.geometry().boxes)
+    beside = _beside(examined, source, render, findings)
+    for name, signs in _domes(examined, beside).items():
+        domes[name] = [*domes.get(name, []), *signs]
+    _mark_mismatch(examined, domes, findings)
+    _mark_translucent(examined, source, render, findings)
 
 
 def _mark_mismatch(examined: Examined, domes: Collection[str], findings: Findings) -> None:
@@ -246,7 +264,8 @@ def _mark_view_dependent(examined: Examined, beside: Examined, findings: Finding
     if agree.sum() < _LEAST_PX:
         findings.untested["view_dependent"] = "expected surfaces that are seen from beside, got none"
         return
-    low, high = (np.float32(f(other["lit"], around)[there]) for f in (cv2.erode, cv2.dilate))
+    low = np.float32(cv2.erode(other["lit"], around)[there])
+    high = np.float32(cv2.dilate(other["lit"], around)[there])
     lit = _as_bright(image["lit"], other["lit"][there], agree, image.transfer)
     beyond = np.maximum(np.maximum(low - lit, lit - high).max(axis=-1), 0)
     for name, at in examined.of_label():
@@ -275,17 +294,31 @@ def _domes(examined: Examined, beside: Examined | None) -> dict[str, list[str]]:
     for name, at in examined.of_label():
         if at.sum() < _DOME_PX:
             continue
-        signs = ["its name"] if _SKY_NAMES.search(name) else []
-        signs += ["a sphere around the camera"] * _is_sphere(examined, at)
-        if (box := examined.boxes.get(name)) is not None and len(examined.boxes) > 1:
-            others = [other.corners_w() for key, other in examined.boxes.items() if key != name]
-            points = np.concatenate([*others, examined.image.pose.position[None]])
-            holds_all = (np.abs((points - box.center_w) @ box.R_w_b) <= box.size / 2).all()
-            signs += ["its box holds all others"] * bool(holds_all)
-        signs += ["it follows the camera"] * (beside is not None and _follows(examined, beside, at))
+        signs = []
+        if _SKY_NAMES.search(name):
+            signs.append("its name")
+        if _is_sphere(examined, at):
+            signs.append("a sphere around the camera")
+        if _holds_all(examined, name):
+            signs.append("its box holds all others")
+        if beside is not None and _follows(examined, beside, at):
+            signs.append("it follows the camera")
         if len(signs) >= 2:
             domes[name] = signs
     return domes
+
+
+def _holds_all(examined: Examined, name: str) -> bool:
+    """Return whether the box of an object holds the camera and all other boxes; one other at least."""
+    box = examined.boxes.get(name)
+    if box is None or len(examined.boxes) < 2:
+        return False
+    points = [examined.image.pose.position[None]]
+    for other_name, other in examined.boxes.items():
+        if other_name != name:
+            points.append(other.corners_w())
+    from_center = (np.concatenate(points) - box.center_w) @ box.R_w_b
+    return bool((np.abs(from_center) <= box.size / 2).all())
 
 
 def _is_sphere(examined: Examined, at: Mask) -> bool:
@@ -329,18 +362,28 @@ def _mark_translucent(examined: Examined, source: Source, render: Render, findin
         except (ArgumentError, MissingCaptureError) as cause:
             findings.untested["translucent"] = f"{name}: {cause}"
             continue
-        lit, behind = (np.asarray(colors, np.float64) for colors in (image["lit"], behind))
+        lit = np.asarray(image["lit"], np.float64)
+        behind = np.asarray(behind, np.float64)
         changed = image.valid & (np.abs(lit - behind).max(axis=-1) > _CHANGED)
         if changed.sum() >= _LEAST_PX:
             inner = changed[:, 1:] & changed[:, :-1]  # outlines of what is behind show through, or do not
-            x, y = (np.diff(colors, axis=1)[inner] for colors in (behind, lit))
+            x = np.diff(behind, axis=1)[inner]
+            y = np.diff(lit, axis=1)[inner]
             through = (x * y).sum() > _TRANSMITS * (x * x).sum() > 0
             findings.mark("translucent" if through else "mismatch", changed, name, "only colours show it")
 
 
 def entered(centers_w: Array, points_w: Array, box: ObjectBox, least: int = _LEAST_PX) -> bool:
-    """Return whether many rays, from centres (3,) or (N, 3) to points (N, 3), end in a box or behind it."""
-    start, end = (centers_w - box.center_w) @ box.R_w_b, (points_w - box.center_w) @ box.R_w_b
+    """Return whether many rays end in a box or behind it.
+
+    Args:
+        centers_w: (3,) or (N, 3), where the rays start, metres.
+        points_w: (N, 3), what they meet, metres.
+        box: of an object.
+        least: rays that count as many.
+    """
+    start = (centers_w - box.center_w) @ box.R_w_b
+    end = (points_w - box.center_w) @ box.R_w_b
     with np.errstate(divide="ignore", invalid="ignore"):
         bounds = (np.array((-1.0, 1.0))[:, None, None] * box.size / 2 - start) / (end - start)
     enter = bounds.min(axis=0).max(axis=1)
@@ -377,7 +420,14 @@ def compare(modes: Container[str], layers: Layers, finer: Layers, at: Ints, shap
 
     A structure that meets all pixels of a picture at nearly the same phase looks smooth there; not in the
     other. Widen ``depth_error`` and ``label_edge`` of an image (H, W) to those of finer captures, and where
-    the two differ in some modes. Layers are flat, and ``at`` are the flat indices of the pixels.
+    the two differ in some modes.
+
+    Args:
+        modes: that are compared.
+        layers: of the image, flat, by name; these are changed.
+        finer: of the finer captures, flat, by name.
+        at: (N,) flat indices of the pixels that were captured.
+        shape: (H, W) of the image.
     """
     lost = np.zeros(len(at), np.bool_)
     if "depth" in modes:
@@ -393,5 +443,6 @@ def compare(modes: Container[str], layers: Layers, finer: Layers, at: Ints, shap
         differ = (layers["object_mask"][at] != finer["object_mask"][at]).reshape(len(at), -1).any(axis=1)
         lost |= finer["label_edge"][at] | differ
         found.reshape(2, -1)[:, at] = lost & ~edge[at], np.ones(len(at))
-        many, of_all = (cv2.blur(each, _WINDOW_PX).reshape(-1)[at] for each in found)
-        edge[at] |= lost | (many > _DENSE * of_all)
+        lost_share = cv2.blur(found[0], _WINDOW_PX).reshape(-1)[at]
+        compared_share = cv2.blur(found[1], _WINDOW_PX).reshape(-1)[at]
+        edge[at] |= lost | (lost_share > _DENSE * compared_share)

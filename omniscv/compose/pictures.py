@@ -98,7 +98,8 @@ def transfer_shown(image: Layered) -> str:
 
 
 def resized(picture: Picture, size: tuple[int, int], transfer: str) -> Picture:
-    """Return a picture (H, W, 3) at another size (width, height): the mean of light, where that is known."""
+    """Return a picture (H, W, 3) at another size (width, height): the mean of light, where ``transfer`` says
+    what its codes are as light."""
     import cv2
     from PIL import Image
 
@@ -114,10 +115,12 @@ def sheet(image: Layered) -> Image:
 
     height, width = image.valid.shape
     size = min(_TILE_PX, width), max(1, round(height * min(1, _TILE_PX / width)))
-    transfers = {"lit": transfer_shown(image)} if "lit" in image.layers else {}
-    shown = {layer: picture(image, layer) for layer in image.layers}
-    tiles = {layer: resized(of, size, transfers.get(layer, "unknown")) for layer, of in shown.items()}
-    return Image.fromarray(captioned(tiles, min(len(tiles), 2 if width > 1.5 * height else 3), _EM_PX))
+    tiles = {}
+    for layer in image.layers:
+        transfer = transfer_shown(image) if layer == "lit" else "unknown"
+        tiles[layer] = resized(picture(image, layer), size, transfer)
+    columns = 2 if width > 1.5 * height else 3
+    return Image.fromarray(captioned(tiles, min(len(tiles), columns), _EM_PX))
 
 
 def captioned(tiles: Mapping[str, Picture], columns: int, em: int) -> Picture:
@@ -146,7 +149,7 @@ def captioned(tiles: Mapping[str, Picture], columns: int, em: int) -> Picture:
 
 
 def line_of_text(text: str, em: int) -> Picture:
-    """Return a line of type of a size in px, with room above."""
+    """Return a line of ``text`` in type of ``em`` px, with room above."""
     from PIL import Image, ImageDraw, ImageFont
 
     font = ImageFont.load_default(em)

@@ -23,7 +23,7 @@ from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.planning import ImageRays, Plan, RenderKeywords, RenderOptions, share_captures
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
-from omniscv.sources.base import Capture, Source, View, check_modes
+from omniscv.sources.base import Capture, Request, Source, View, check_modes
 from omniscv.sources.developing import develop
 from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.stillness import verify_still
@@ -180,10 +180,12 @@ class Renderer:
     ) -> Iterator[OmniImage]:
         """Yield the images of a moment, captured from a source in place of the renderer's own."""
         sampled = options.sampled(modes)
-        wanted = [replace(self.plan(camera, pose, options), modes=sampled) for camera, pose in shots]
-        alone = [plan.by_rays() for plan in wanted]
+        alone = []
+        for camera, pose in shots:
+            alone.append(replace(self.plan(camera, pose, options), modes=sampled).by_rays())
         plans = share_captures(alone, sampled)
-        plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
+        if only is not None:
+            plans = [plan for i, plan in enumerate(plans) if i in only]
         captured = source
         once = partial(self._once, _development(options))
         source = self._developed(source, options)
@@ -195,9 +197,10 @@ class Renderer:
             (image,) = renderer._rendered(renderer.source, [(camera, pose)], modes, plain, None, None)
             return image
 
-        needed = Counter(request for plan in plans for request in plan.requests)
-        aimed = Counter(tuple(plan.pose.position) for plan in plans if plan.doubt_share is not None)
-        adapts = any(count > 1 for count in aimed.values())
+        needed: Counter[Request] = Counter()
+        for plan in plans:
+            needed.update(plan.requests.keys())
+        adapts = _adapt_together(plans)
         if needed or adapts:
             source = HeldCaptures(source, needed, all_=adapts)
         meter = Meter(len(plans), progress)
@@ -319,3 +322,9 @@ def render_rig(
         shots.append((camera, poses[name]))
     images = Renderer(source).render_together(shots, modes, options_of(options), progress=progress)
     return dict(zip(rig.cameras, images, strict=True))
+
+
+def _adapt_together(plans: Sequence[Plan]) -> bool:
+    """Return whether images at one position capture what they need as they see it: they may need the same."""
+    positions = Counter(tuple(plan.pose.position) for plan in plans if plan.doubt_share is not None)
+    return any(count > 1 for count in positions.values())

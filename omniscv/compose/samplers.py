@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.compose.area import AreaSampling
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
@@ -74,11 +75,14 @@ class Sampler:
     def minifies(self) -> bool:
         """Whether most rays' pixels span two pixels of a view or more."""
         stride = max(_TEST_STRIDE, self._coverage.rays // _TESTED)
-        spans = np.concatenate([_spanned_px(block, self._views[0], stride) for block in self._blocks()])
+        parts = []
+        for block in self._blocks():
+            parts.append(_spanned_px(block, self._views[0], stride))
+        spans = np.concatenate(parts)
         return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
     def sample(self, filter: str, faces: Faces, keep: Keep = lambda _, make: make()) -> Pixels:
-        """Return (N, ...) blended values; ``keep`` what the faces are laid out in."""
+        """Return (N, ...) blended values by a ``filter``; ``keep`` what the faces are laid out in."""
         few = reads_few(faces, self._coverage.rays)
         if filter == "nearest":
             pictures = faces if few else stacked(faces)
@@ -92,7 +96,13 @@ class Sampler:
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> KnownDepth:
-        """Return depth along the rays; see :func:`omniscv.depth.depth_pictures.sample_depth`."""
+        """Return depth along the rays; see :func:`omniscv.depth.depth_pictures.sample_depth`.
+
+        Args:
+            filter: ``nearest`` takes the nearest pixel's depth, every other one interpolates.
+            pictures: of planar depth, one per view.
+            offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are one.
+        """
 
         def sample(block: _Block) -> Sequence[Any]:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
@@ -101,19 +111,25 @@ class Sampler:
         return KnownDepth(*self._sampled(sample))
 
     def label_edges(self, boundaries: Pixels, parallax: Floats | None, relief: Mask | None = None) -> Mask:
-        """Return (N,) marks of label boundaries; see :func:`omniscv.depth.nearest.label_edges`."""
+        """Return (N,) marks of label boundaries; see :func:`omniscv.depth.nearest.label_edges`.
+
+        Args:
+            boundaries: (V, h, w) uint8 of masks.
+            parallax: (N,) radians; None: rays start at the views' centre.
+            relief: (N,) where lone labels are doubtful, too; None: nowhere.
+        """
 
         def sample(block: _Block) -> Mask:
             part = block.rays.part
             near = None if parallax is None else parallax[part]
-            return label_edges(
-                boundaries, block.lookup, self._views, near, None if relief is None else relief[part]
-            )
+            rough = None if relief is None else relief[part]
+            return label_edges(boundaries, block.lookup, self._views, near, rough)
 
         return self._values(sample)
 
     def sample_directions(self, filter: str, faces: Faces) -> Pixels:
-        """Return (N, 3) unit vectors; see :func:`omniscv.depth.nearest.sample_directions`."""
+        """Return (N, 3) unit vectors from ``faces``, by a ``filter``; see
+        :func:`omniscv.depth.nearest.sample_directions`."""
         stack = stacked(faces)
         nearest = filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
@@ -164,25 +180,29 @@ class Sampler:
             values = sample(block)
             if block.rays.kept:
                 return list(values)
-            whole = whole or [
-                None if array is None else np.empty((self._coverage.rays, *array.shape[1:]), array.dtype)
-                for array in values
-            ]
-            for out, each in zip(whole, values, strict=True):
+            if not whole:
+                whole = [self._empty_like(array) for array in values]
+            for out, array in zip(whole, values, strict=True):
                 if out is not None:
-                    out[block.rays.part] = each
+                    out[block.rays.part] = array
         return whole
+
+    def _empty_like(self, array: NDArray[Any] | None) -> NDArray[Any] | None:
+        """Return an array for all rays, of what ``array`` has for a block; None for None."""
+        if array is None:
+            return None
+        return np.empty((self._coverage.rays, *array.shape[1:]), array.dtype)
 
     def _atlas(self, filter: str) -> Atlas:
         """Return the atlas of a filter."""
         if filter in self._atlases:
             return self._atlases[filter]
         if filter == "area":
-            sampled = [block.area for block in self._blocks()]
-            levels = [area.levels for area in sampled if area.levels]
+            areas = [block.area for block in self._blocks()]
+            levels = [area.levels for area in areas if area.levels]
             first = min((mips.start for mips in levels), default=0)
             last = max((mips.stop for mips in levels), default=1)
-            atlas = Atlas(self._views, range(first, last), max(area.support for area in sampled))
+            atlas = Atlas(self._views, range(first, last), max(area.support for area in areas))
         else:
             support = FILTER_SUPPORT_PX if self._coverage.margin < FILTER_SUPPORT_PX else 0
             atlas = Atlas(self._views, range(1), support, filter == "bicubic")
@@ -221,7 +241,7 @@ class _Block:
         return AreaSampling(self.rays.footprints(), self.lookup, self._views, self._R_w_d)
 
     def sample(self, filter: str, atlas: Atlas, picture: Pixels) -> Pixels:
-        """Return (N, ...) blended values of the picture of an atlas."""
+        """Return (N, ...) blended values of the ``picture`` of an ``atlas``, by a ``filter``."""
         x, y = self._at(filter, atlas)
         if filter == "area":
             return self.area.sample(picture, x, y)
@@ -232,12 +252,13 @@ class _Block:
     def sample_apart(self, atlas: Atlas, faces: Faces) -> Pixels:
         """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
         if self._apart is None:
-            (x, y) = self._at("bilinear", atlas)
+            x, y = self._at("bilinear", atlas)
             corners = atlas.levels[0].corners.astype(np.float32)
-            self._apart = tuple(  # corners are whole: differences are exact
-                (k, rays, x[rays] - corners[k, 0], y[rays] - corners[k, 1])
-                for k, rays in self.lookup.by_view()
-            )
+            apart = []
+            for k, rays in self.lookup.by_view():
+                # Corners are whole: differences are exact.
+                apart.append((k, rays, x[rays] - corners[k, 0], y[rays] - corners[k, 1]))
+            self._apart = tuple(apart)
         out = np.zeros((len(self.lookup.view), *faces[0].shape[2:]), faces[0].dtype)
         for k, rays, x, y in self._apart:
             out[rays] = sample_bilinear(faces[k], x, y)
@@ -246,27 +267,35 @@ class _Block:
     def _at(self, filter: str, atlas: Atlas) -> tuple[Floats, Floats]:
         """Return the rays' coordinates in an atlas."""
         if filter not in self._coordinates:
-            self._coordinates[filter] = (
-                self.area.coordinates(atlas) if filter == "area" else atlas.coordinates(self.lookup)
-            )
+            sampled = self.area if filter == "area" else None
+            if sampled is None:
+                self._coordinates[filter] = atlas.coordinates(self.lookup)
+            else:
+                self._coordinates[filter] = sampled.coordinates(atlas)
         return self._coordinates[filter]
 
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        held: list[Any] = [self.__dict__[name] for name in ("lookup", "area") if name in self.__dict__]
-        held += [array for both in list(self._coordinates.values()) for array in both]
-        held += [array for _, *arrays in self._apart or () for array in arrays]
-        return sum(value.nbytes for value in held)
+        total = 0
+        for name in ("lookup", "area"):
+            if name in self.__dict__:
+                total += self.__dict__[name].nbytes
+        for x, y in list(self._coordinates.values()):
+            total += x.nbytes + y.nbytes
+        for _, rays, x, y in self._apart or ():
+            total += rays.nbytes + x.nbytes + y.nbytes
+        return total
 
 
 def _spanned_px(block: _Block, view: View, stride: int) -> Floats:
     """Return how many px of a view the pixels of every ``stride``-th ray of an image span."""
     lookup = block.lookup
     start = -block.rays.first % stride
-    some = np.flatnonzero(lookup.view[start::stride] >= 0) * stride + start
+    seen = np.flatnonzero(lookup.view[start::stride] >= 0) * stride + start
     focal, _, cx, cy = view.projection
-    u, v = lookup.x[some] - cx, lookup.y[some] - cy
+    u = lookup.x[seen] - cx
+    v = lookup.y[seen] - cy
     # f / cos^1.5 px a radian: the mean of a plane's scale along (1 / cos^2) and across (1 / cos) the way
     # to its centre
-    return np.asarray(block.rays.steps(some) * focal * (1 + (u * u + v * v) / focal**2) ** 0.75)
+    return np.asarray(block.rays.steps(seen) * focal * (1 + (u * u + v * v) / focal**2) ** 0.75)
