@@ -81,23 +81,29 @@ class DepthPictures(NamedTuple):
         off: Sequence[Floats] = (),
         relief: Sequence[Floats] | Floats = (),
     ) -> DepthPictures:
-        """Return pictures, one per view, that so many rays read; ``off`` and ``relief`` (h, w) of each, or
-        empty."""
+        """Return pictures of depth.
+
+        Args:
+            faces: (V, h, w) float32 planar metres.
+            views: one per face.
+            precision: of the depth.
+            rays: how many rays read them: bends are not found for few.
+            off: (h, w) metres that each may be off beside its precision; or empty.
+            relief: (h, w) metres that depth along the ray may be off by relief, of each; or empty.
+        """
         stack = stacked(faces)
         projections = np.array([view.projection for view in views])
-        bends = np.full(0 if rays * _FEW < stack.size else stack.size, _BENT, np.uint32)
-        if bends.size:
-            of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
-            side_by_side(lambda of: _find_bends(*of, precision), of_faces)
-        bends.flags.writeable = False
-        known, off_by_relief = (
-            np.concatenate([each.reshape(-1) for each in of] or [np.empty(0, np.float32)])
-            for of in (off, relief)
+        reads_many = rays * _FEW >= stack.size
+        return cls(
+            depth=stack.reshape(-1),
+            shape=stack.shape[1:],
+            projections=projections,
+            precision=precision,
+            off=_flat(off),
+            relief=_flat(relief),
+            rough=np.array([face.any() for face in relief], np.bool_),
+            bends=_bends(stack if reads_many else stack[:0], projections[:, 0], precision),
         )
-        rough = np.array([each.any() for each in relief], np.bool_)
-        shape = stack.shape[1:]
-        of_depth = (precision, known, off_by_relief)
-        return cls(stack.reshape(-1), shape, projections, *of_depth, rough, bends)
 
     @property
     def faces(self) -> Floats:
@@ -107,7 +113,27 @@ class DepthPictures(NamedTuple):
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        return sum(each.nbytes for each in (self.depth, self.off, self.relief, self.bends))
+        return self.depth.nbytes + self.off.nbytes + self.relief.nbytes + self.bends.nbytes
+
+
+def _flat(faces: Sequence[Floats] | Floats) -> Floats:
+    """Return the pixels of all faces, one after the other; empty without faces."""
+    if not len(faces):
+        return np.empty(0, np.float32)
+    return np.concatenate([face.reshape(-1) for face in faces])
+
+
+def _bends(stack: Floats, focal_px: Array, precision: Precision) -> Ints:
+    """Return the bends of faces (V, h, w), flat, as :class:`DepthPictures` has them; read-only."""
+    bends = np.full(stack.shape, _BENT, np.uint32)
+
+    def find(k: int) -> None:
+        _find_bends(stack[k], bends[k], float(focal_px[k]), precision)
+
+    side_by_side(find, list(range(len(stack))))
+    flat = bends.reshape(-1)
+    flat.flags.writeable = False
+    return flat
 
 
 def sample_depth(

@@ -129,12 +129,14 @@ class Hits(np.recarray[Any, Any]):
         unseen = _wider(others.hidden_from, others.hidden_to)
         near = _wider(others.beside_from, others.beside_to)
         end = _wider(*others._end)
-        start, stop = _common(*((self._end, each) for each in (unseen, near, others._end)))
+        start, stop = _common((self._end, unseen), (self._end, near), (self._end, others._end))
         agree = np.asarray(start <= stop)
         still_hidden = _common((hidden, unseen), (hidden, end))
         still_beside = _common((beside, unseen), (beside, near), (beside, end), (hidden, near))
-        self.hidden_from[agree], self.hidden_to[agree] = (each[agree] for each in still_hidden)
-        self.beside_from[agree], self.beside_to[agree] = (each[agree] for each in still_beside)
+        self.hidden_from[agree] = still_hidden[0][agree]
+        self.hidden_to[agree] = still_hidden[1][agree]
+        self.beside_from[agree] = still_beside[0][agree]
+        self.beside_to[agree] = still_beside[1][agree]
         self.sure[agree] = self.hidden_from[agree] > self.hidden_to[agree]
         return agree
 
@@ -144,6 +146,7 @@ Interval = tuple[Array, Array]
 
 
 def _wider(start: Array, end: Array) -> Interval:
+    """Return an interval that is wider by what two centres may be apart at one edge."""
     return start * (1 - _APART), end * (1 + _APART)
 
 
@@ -151,8 +154,8 @@ def _common(*pairs: tuple[Interval, Interval]) -> Interval:
     """Return the least intervals that hold what is in both of any pair."""
     starts = np.array([np.maximum(a[0], b[0]) for a, b in pairs])
     ends = np.array([np.minimum(a[1], b[1]) for a, b in pairs])
-    some = starts <= ends
-    return np.where(some, starts, np.inf).min(axis=0), np.where(some, ends, -np.inf).max(axis=0)
+    overlap = starts <= ends
+    return np.where(overlap, starts, np.inf).min(axis=0), np.where(overlap, ends, -np.inf).max(axis=0)
 
 
 HIT = np.dtype(

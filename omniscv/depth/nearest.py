@@ -25,7 +25,7 @@ _ONE_SURFACE = 0.95
 
 
 def sample_nearest(faces: Faces, lookup: RayLookup) -> Pixels:
-    """Return (N, ...) the values of (h, w, ...) faces along N rays; 0 where no view sees the ray."""
+    """Return (N, ...) values of (h, w, ...) faces along the rays of ``lookup``; 0 where no view sees one."""
     if not isinstance(faces, np.ndarray) and reads_few(faces, len(lookup.view)):
         few = np.zeros((len(lookup.view), *faces[0].shape[2:]), faces[0].dtype)
         last = np.array(faces[0].shape[:2]) - 1
@@ -61,9 +61,15 @@ def _take(pixels: Ints, out: Pixels, values: Pixels) -> None:
 
 
 def boundaries(faces: Faces, lone: bool = False) -> Pixels:
-    """Return (V, h, w) which neighbours of each pixel have another value, of V masks: 1 for one of the four
-    beside it, and 2 to 16 for those above left, above right, below left and below right; 32 for
-    :func:`lone_labels`, if they are asked for."""
+    """Return (V, h, w) uint8 which neighbours of each pixel have another value.
+
+    1: one of the four beside it; 2 to 16: those above left, above right, below left and below right; 32:
+    :func:`lone_labels`.
+
+    Args:
+        faces: V masks.
+        lone: whether lone labels are marked.
+    """
     return stacked(side_by_side(lambda face: _boundary(face, lone), list(faces)))
 
 

@@ -128,7 +128,8 @@ class Frame:
 
     def layers(self, *names: str) -> dict[str, NDArray[Any]]:
         """Return the layers of these names that the frame has, as :meth:`layer` does."""
-        return {name: self.layer(name) for name in names if name in {*self.files, *self.blank}}
+        known = {*self.files, *self.blank}
+        return {name: self.layer(name) for name in names if name in known}
 
     @cached_property
     def truth(self) -> Mapping[str, Any]:
@@ -141,7 +142,8 @@ class Frame:
         return self.records("layout") if "layout" in self.files else {}
 
     def with_files(self, folder: Folder, entries: Mapping[str, FileEntry]) -> Frame:
-        """Return the frame with files in the folder of a dataset, and without an image in memory."""
+        """Return the frame with files, ``entries`` by kind, in the ``folder`` of a dataset; its image is no
+        longer in memory."""
         files = FrameFiles(entries, (self.camera.width, self.camera.height), folder)
         return replace(
             self, files=files, image=None, geometry=SceneGeometry(), object_poses={}, renderer=None
@@ -177,7 +179,10 @@ class Frame:
     @property
     def kinds(self) -> set[str]:
         """The kinds of its files, and ``imu`` if the dataset has one."""
-        return {*self.files, *(["imu"] if self.imu else [])}
+        kinds = set(self.files)
+        if self.imu:
+            kinds.add("imu")
+        return kinds
 
     @property
     def entries(self) -> Mapping[str, FileEntry]:
@@ -189,20 +194,22 @@ class Frame:
 
         A state only of a world that moves; a path only of a camera that moved on it during the image.
         """
-        return {
+        line: dict[str, Any] = {
             "key": self.key,
             "camera": self.camera_name,
             "pose": self.pose.to_dict(),
             "time_ns": self.time_ns,
-            **({"path": path} if (path := path_of(self.camera)) else {}),
-            "place": self.place,
-            "split": self.split,
-            "scene": self.scene,
-            **({"world": self.world} if self.world else {}),
-            **({"state": self.state} if self.state else {}),
-            **({"shows": self.shows} if self.shows else {}),
-            **({"varied": self.varied} if self.varied else {}),
-            "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
-            **({"watch": list(self.watch)} if self.watch else {}),
-            **({"blank": sorted(self.blank)} if self.blank else {}),
         }
+        path = path_of(self.camera)
+        if path:
+            line["path"] = path
+        line |= {"place": self.place, "split": self.split, "scene": self.scene}
+        for key in ("world", "state", "shows", "varied"):
+            if getattr(self, key):
+                line[key] = getattr(self, key)
+        line["files"] = {kind: asdict(entry) for kind, entry in sorted(self.entries.items())}
+        if self.watch:
+            line["watch"] = list(self.watch)
+        if self.blank:
+            line["blank"] = sorted(self.blank)
+        return line

@@ -99,8 +99,8 @@ class Rule:
 
     def __post_init__(self) -> None:
         if bool(self.match) == bool(self.regex):
-            got = {"class": self.class_name, "match": self.match, "regex": self.regex}
-            raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(got)}")
+            rule = {"class": self.class_name, "match": self.match, "regex": self.regex}
+            raise ArgumentError(f"expected one of 'match' and 'regex', got {shown(rule)}")
 
     @cached_property
     def _compiled(self) -> re.Pattern[str]:
@@ -148,11 +148,18 @@ class ClassRules:
     unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")
 
     def __post_init__(self) -> None:
-        about = ("id", "supercategory", "stuff")
-        vars(self)["rules"] = tuple(
-            replace(rule, **{key: getattr(self.classes[rule.class_name], key) for key in about})
-            for rule in self.rules
-        )
+        rules = []
+        for rule in self.rules:
+            described = self.classes[rule.class_name]
+            rules.append(
+                replace(
+                    rule,
+                    id=described.id,
+                    supercategory=described.supercategory,
+                    stuff=described.stuff,
+                )
+            )
+        vars(self)["rules"] = tuple(rules)
 
     @cached_property
     def classes(self) -> dict[str, SemanticClass]:
@@ -160,8 +167,9 @@ class ClassRules:
         known: dict[str, int] = {}
         if self.taxonomy != "custom":
             table = files("omniscv.frame") / "taxonomies" / f"{self.taxonomy}.csv"
-            lines = (line.split(",", 1) for line in table.read_text(encoding="utf-8").splitlines()[1:])
-            known = {name: int(number) for number, name in lines}
+            for line in table.read_text(encoding="utf-8").splitlines()[1:]:
+                number, name = line.split(",", 1)
+                known[name] = int(number)
         described = _describe(self.rules, known)
         if self.unmatched == "other":
             name = _OTHER.get(self.taxonomy, "other")
@@ -188,12 +196,17 @@ class ClassRules:
         Raises:
             UnmatchedNamesError: no rule matches some names, and ``unmatched`` is ``error``.
         """
-        class_names = {name: self.class_of(name) for name in names}
-        unmatched = [name for name, class_name in class_names.items() if class_name is None]
+        class_names: dict[str, str] = {}
+        unmatched = []
+        for name in names:
+            class_name = self.class_of(name)
+            if class_name is None:
+                unmatched.append(name)
+            else:
+                class_names[name] = class_name
         if unmatched and self.unmatched == "error":
             raise UnmatchedNamesError(unmatched)
-        of_object = {name: class_name for name, class_name in class_names.items() if class_name is not None}
-        return ClassTable(self.classes, of_object, self.taxonomy)
+        return ClassTable(self.classes, class_names, self.taxonomy)
 
 
 def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRules:
@@ -236,12 +249,15 @@ def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClas
     """Classes by name in the order of their ids; those without an id get the next free one."""
     owners: dict[int, str] = {}
     for name, values in described.items():
-        if "id" in values and (owner := owners.setdefault(values["id"], name)) != name:
+        if "id" not in values:
+            continue
+        owner = owners.setdefault(values["id"], name)
+        if owner != name:
             wanted = f"expected one class for every id, {values['id']} is {owner!r}"
             raise ArgumentError(f"rules: {wanted}; got {name!r} too")
     free = iter(number for number in range(1, _MOST + 1) if number not in owners)
-    classes = [
-        SemanticClass(**{"name": name, **of, "id": of["id"] if "id" in of else next(free)})
-        for name, of in described.items()
-    ]
+    classes = []
+    for name, values in described.items():
+        number = values["id"] if "id" in values else next(free)
+        classes.append(SemanticClass(**{"name": name, **values, "id": number}))
     return {row.name: row for row in sorted(classes, key=lambda row: row.id)}

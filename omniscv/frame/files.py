@@ -79,13 +79,23 @@ class FileEntry:
 def read_entries(
     key: str, size: Size, files: Mapping[str, Any], endings: Mapping[str, Collection[str]]
 ) -> dict[str, FileEntry]:
-    """Return the files that the line of a frame lists, by kind, whose names end as :func:`file_endings` has
-    it; ArgumentError for another kind or name, or a file larger than such a file can be."""
+    """Return the files that the line of a frame lists, by kind.
+
+    Args:
+        key: of the frame.
+        size: of its camera's images, width and height, px.
+        files: as listed, by kind.
+        endings: how names go on after the key, by kind: see :func:`file_endings`.
+
+    Raises:
+        ArgumentError: another kind or name, or a file larger than such a file can be.
+    """
     most = MOST_JSON_BYTES + _MOST_PIXEL_BYTES * size[0] * size[1]
     entries = {}
     for kind, values in files.items():
-        entries[kind] = entry = FileEntry(**values)
-        if entry.path not in {f"{key}{ending}" for ending in endings.get(kind, ())}:
+        entry = FileEntry(**values)
+        entries[kind] = entry
+        if entry.path not in [key + ending for ending in endings.get(kind, ())]:
             wanted = f"expected the name {key}.KIND.SUFFIX of a layer or record, of {', '.join(endings)}"
             raise ArgumentError(f"{key}: files.{shown(kind)}: {wanted}; got {shown(entry.path)}")
         if entry.bytes > most:
@@ -101,9 +111,13 @@ def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
     """
     plugins.load()
     suffixes = (*formats(), ARRAY)
-    names = [row.name for row in modalities.layers()]
-    layers = {name: frozenset(f".{name}.{suffix}" for suffix in suffixes) for name in names}
-    return {**layers, **{kind: frozenset([f".{kind}.json"]) for kind in records}, IMAGE: frozenset([".json"])}
+    endings = {}
+    for row in modalities.layers():
+        endings[row.name] = frozenset(f".{row.name}.{suffix}" for suffix in suffixes)
+    for kind in records:
+        endings[kind] = frozenset([f".{kind}.json"])
+    endings[IMAGE] = frozenset([".json"])
+    return endings
 
 
 def _checksum(file: BufferedReader) -> str:
@@ -140,7 +154,8 @@ class ImageFiles(Mapping[str, Path]):
                 open_regular(path, links=False).close()
             except OSError as fault:
                 raise ArgumentError(f"expected a file, got: {fault.strerror}") from fault
-            if wrong := _layer_fault(path, kind, self.size):
+            wrong = _layer_fault(path, kind, self.size)
+            if wrong:
                 raise ArgumentError(wrong)
         return path
 
@@ -180,7 +195,10 @@ class FrameFiles(ImageFiles):
         return path
 
     def fault(self, kind: str, deep: bool = True) -> str | None:
-        """Return what is wrong with a file in a local folder, as :meth:`FileEntry.fault`."""
+        """Return what is wrong with a file of a ``kind`` in a local folder; ``deep`` also reads its content.
+
+        See :meth:`FileEntry.fault`.
+        """
         local = self.folder.local
         entry = self.entries[kind]
         if local is None or (deep and kind in self._checked):
@@ -189,8 +207,8 @@ class FrameFiles(ImageFiles):
         return _layer_fault(local / entry.path, kind, self.size) if deep and wrong is None else wrong
 
     def reference(self, kind: str, out: Path) -> str:
-        """Return the name of a local file, which is checked, as seen from a folder; of a store the file's
-        URL, unless it has a stand-in."""
+        """Return the name of a local file, which is checked, as seen from the folder ``out``; of a store the
+        file's URL, unless it has a stand-in. ``kind`` is the file's."""
         if self.folder.local is not None:
             return relative(self[kind], out)
         name = self.entries[kind].path
@@ -212,5 +230,5 @@ def _layer_fault(path: Path, kind: str, size: Size) -> str | None:
 
 
 def relative(file: Path, out: Path) -> str:
-    """Return the name of a file as seen from a folder."""
+    """Return the name of a file as seen from the folder ``out``."""
     return Path(os.path.relpath(file, out)).as_posix()

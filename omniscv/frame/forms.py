@@ -18,9 +18,16 @@ from omniscv.records import listed, mapping, named, nested, optional
 
 
 def checked(kind: str, content: Any, camera: Camera, instances: Mapping[str, int]) -> Any:
-    """Return the content of a file of records, plain values; ArgumentError if it has another form.
+    """Return the content of a file of records, plain values.
 
-    ``kind`` is ``truth``, with records by the names of their truths, or that of a file that is one record.
+    Args:
+        kind: ``truth``, with records by the names of their truths, or that of a file that is one record.
+        content: plain values.
+        camera: of the image, whose pixels records name.
+        instances: the ids of the dataset's objects by name.
+
+    Raises:
+        ArgumentError: the content has another form.
     """
     if kind == "layout":
         _LAYOUT("layout", content)
@@ -40,8 +47,10 @@ def _check_object(
 ) -> None:
     """Raise ArgumentError for an object that the dataset does not have, or a mask of another image's size."""
     if instances.get(record["name"]) != record["instance_id"]:
-        got = f"{shown(record['name'])} as {record['instance_id']}"
-        raise ArgumentError(f"{where}: expected an object of the dataset with its instance id, got {got}")
+        named_so = f"{shown(record['name'])} as {record['instance_id']}"
+        raise ArgumentError(
+            f"{where}: expected an object of the dataset with its instance id, got {named_so}"
+        )
     width, height = camera.width, camera.height
     for key, most in (("bbox", width), ("bbox_wrap", 2 * width)):
         x, y, across, down = record.get(key, (0, 0, 1, 1))
@@ -54,15 +63,19 @@ def _check_object(
 
 def _check_pixels(layout: Mapping[str, Any], camera: Camera) -> None:
     """Raise ArgumentError for a pixel of a layout that is not in the image."""
-    pixels = [pixel for edge in layout["edges"] for piece in edge["pieces"] for pixel in piece["pixels"]]
-    pixels += [corner["pixel"] for corner in layout["corners"] if corner["in_image"]]
+    pixels: list[Any] = []
+    for edge in layout["edges"]:
+        for piece in edge["pieces"]:
+            pixels += piece["pixels"]
+    for corner in layout["corners"]:
+        if corner["in_image"]:
+            pixels.append(corner["pixel"])
     if not pixels:
         return
     all_pixels = numbers("layout: pixels", pixels, (None, 2))
     outside = ((all_pixels < 0) | (all_pixels > [camera.width, camera.height])).any(axis=1)
     if outside.any():
-        got = shown(all_pixels[outside][0])
-        raise ArgumentError(f"layout: expected pixels in the image, got {got}")
+        raise ArgumentError(f"layout: expected pixels in the image, got {shown(all_pixels[outside][0])}")
 
 
 def _form(**keys: Reader) -> Reader:
@@ -72,6 +85,7 @@ def _form(**keys: Reader) -> Reader:
     """
 
     def read(name: str, value: object) -> dict[str, Any]:
+        """Return the mapping ``value``; ``name`` is what messages call it."""
         record = mapping(name, value)
         for word, reader in keys.items():
             key = word.removesuffix("_")
