@@ -19,7 +19,7 @@ from omniscv.arguments import numbers, shown, within, wrong
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Form, Layout, PoseMatrix, Reading, Writing
 from omniscv.calibration.intrinsics import check_first_is_origin
-from omniscv.calibration.keys import Model, ModelName, Number, array
+from omniscv.calibration.keys import FISHEYE4, MATRIX, RADTAN4, RADTAN8, Model, ModelName, Number, array
 from omniscv.calibration.nodes import Values, whole
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import ORIGIN, Rig, RigCamera
@@ -32,28 +32,26 @@ def _model(word: str, name: ModelName, *numbers: Number, read_only: bool = False
     return Model(name, (array("PARAMS", *numbers),), (word,), read_only)
 
 
-_K: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
-_RADTAN8: tuple[Number, ...] = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _FISHEYE624: tuple[Number, ...] = ("k0", "k1", "k2", "k3", "k4", "k5", "p0", "p1", "s0", "s1", "s2", "s3")
 _BEFORE_THIN_PRISM = (
     _model("SIMPLE_PINHOLE", "pinhole", "f", "cx", "cy", read_only=True),
-    _model("PINHOLE", "pinhole", *_K),
+    _model("PINHOLE", "pinhole", *MATRIX),
     _model("SIMPLE_RADIAL", "pinhole", "f", "cx", "cy", "k1", read_only=True),
     _model("RADIAL", "pinhole", "f", "cx", "cy", "k1", "k2", read_only=True),
-    _model("OPENCV", "pinhole", *_K, "k1", "k2", "p1", "p2"),
-    _model("OPENCV_FISHEYE", "kannala-brandt", *_K, "k1", "k2", "k3", "k4"),
-    _model("FULL_OPENCV", "pinhole", *_K, *_RADTAN8),
-    _model("FOV", "field-of-view", *_K, "omega"),
+    _model("OPENCV", "pinhole", *MATRIX, *RADTAN4),
+    _model("OPENCV_FISHEYE", "kannala-brandt", *MATRIX, *FISHEYE4),
+    _model("FULL_OPENCV", "pinhole", *MATRIX, *RADTAN8),
+    _model("FOV", "field-of-view", *MATRIX, "omega"),
     _model("SIMPLE_RADIAL_FISHEYE", "kannala-brandt", "f", "cx", "cy", "k1", read_only=True),
     _model("RADIAL_FISHEYE", "kannala-brandt", "f", "cx", "cy", "k1", "k2", read_only=True),
 )
 _AFTER_THIN_PRISM = (
-    _model("RAD_TAN_THIN_PRISM_FISHEYE", "fisheye624", *_K, *_FISHEYE624),
+    _model("RAD_TAN_THIN_PRISM_FISHEYE", "fisheye624", *MATRIX, *_FISHEYE624),
     _model("SIMPLE_DIVISION", "division", "f", "cx", "cy", "k"),
-    _model("DIVISION", "division", *_K, "k", read_only=True),
+    _model("DIVISION", "division", *MATRIX, "k", read_only=True),
     _model("SIMPLE_FISHEYE", "kannala-brandt", "f", "cx", "cy", read_only=True),
-    _model("FISHEYE", "kannala-brandt", *_K, read_only=True),
-    _model("EUCM", "extended-unified", *_K, "alpha", "beta"),
+    _model("FISHEYE", "kannala-brandt", *MATRIX, read_only=True),
+    _model("EUCM", "extended-unified", *MATRIX, "alpha", "beta"),
     _model("EQUIRECTANGULAR", "equirectangular", "W", "H"),
 )
 _MODELS = _BEFORE_THIN_PRISM + _AFTER_THIN_PRISM

@@ -26,7 +26,18 @@ from omniscv.calibration.forms import (
     pose_of_matrix,
 )
 from omniscv.calibration.intrinsics import check_first_is_origin
-from omniscv.calibration.keys import Key, Model, ModelName, Number, Word, array
+from omniscv.calibration.keys import (
+    FISHEYE4,
+    MATRIX,
+    RADTAN4,
+    RADTAN5,
+    Key,
+    Model,
+    ModelName,
+    Number,
+    Word,
+    array,
+)
 from omniscv.calibration.nodes import Node, Values
 from omniscv.calibration.table import distortion
 from omniscv.cameras.rig import ORIGIN, RigCamera
@@ -109,7 +120,6 @@ def _chain(cameras: dict[str, Values]) -> Values:
     return dict(cameras)
 
 
-_MATRIX: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
 _NO_DISTORTION = array(_COEFFICIENTS, 0, 0, 0, 0, counts=(0, 4))
 _RADTAN: tuple[Word, ...] = (("pinhole", "radtan"), ("none", "radtan"))
 
@@ -133,30 +143,30 @@ KALIBR = Kalibr(
     marks=(("camera_model", "resolution"), "distortion_coeffs", "intrinsics"),
     layout=Layout(
         models=(
-            _model("pinhole", (("pinhole", "none"),), _MATRIX, _NO_DISTORTION),
+            _model("pinhole", (("pinhole", "none"),), MATRIX, _NO_DISTORTION),
             _model(
                 "pinhole",
                 _RADTAN,
-                _MATRIX,
-                array(_COEFFICIENTS, "k1", "k2", "p1", "p2", "k3", counts=(4, 5)),
+                MATRIX,
+                array(_COEFFICIENTS, *RADTAN5, counts=(4, 5)),
             ),
-            replace(_model("pinhole", _RADTAN, _MATRIX, distortion(_COEFFICIENTS)), read_only=True),
+            replace(_model("pinhole", _RADTAN, MATRIX, distortion(_COEFFICIENTS)), read_only=True),
             _model(
                 "kannala-brandt",
                 (("pinhole", "equidistant"), ("none", "equidistant")),
-                _MATRIX,
-                _coefficients("k1", "k2", "k3", "k4"),
+                MATRIX,
+                _coefficients(*FISHEYE4),
             ),
-            _model("field-of-view", (("pinhole", "fov"),), _MATRIX, _coefficients("omega")),
-            _model("unified", (("omni", "none"),), ("xi", *_MATRIX), _NO_DISTORTION),
+            _model("field-of-view", (("pinhole", "fov"),), MATRIX, _coefficients("omega")),
+            _model("unified", (("omni", "none"),), ("xi", *MATRIX), _NO_DISTORTION),
             _model(
                 "unified",
                 (("omni", "radtan"),),
-                ("xi", *_MATRIX),
-                _coefficients("k1", "k2", "p1", "p2"),
+                ("xi", *MATRIX),
+                _coefficients(*RADTAN4),
             ),
-            _model("extended-unified", (("eucm", "none"),), ("alpha", "beta", *_MATRIX), _NO_DISTORTION),
-            _model("double-sphere", (("ds", "none"),), ("xi", "alpha", *_MATRIX), _NO_DISTORTION),
+            _model("extended-unified", (("eucm", "none"),), ("alpha", "beta", *MATRIX), _NO_DISTORTION),
+            _model("double-sphere", (("ds", "none"),), ("xi", "alpha", *MATRIX), _NO_DISTORTION),
         ),
         word=("camera_model", "distortion_model"),
         size=("resolution",),

@@ -20,26 +20,43 @@ from omniscv.calibration.nodes import MISSING, Node, Paths, alternatives, floats
 from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
-# fmt: off
-Number = Literal[
-    "fx", "fy", "cx", "cy", "k", "k0", "k1", "k2", "k3", "k4", "k5", "k6", "p0", "p1", "p2", "s0", "s1", "s2",
-    "s3", "s4", "xi", "alpha", "beta", "omega", "c", "d", "e", "a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7",
-    "a8", "a9", "a10", "a11", "a12", "a13", "a14", "a15", "a16", "a17", "a18", "a19", "c0", "c1", "c2", "c3",
-    "c4", "c5", "lc", "ld", "le", "f", "s", "ratio", "du", "dv", "du0", "dv0", "f_y", "b1", "nf", "nfx",
-    "nfy", "ncx", "ncy", "mm", "fov", "rad", "sensor", "angle", "angle_y", "W", "H", "W/2", "H/2", "_", "x",
-    "y", "z", "qx", "qy", "qz", "qw",
-]
-# fmt: on
-"""Names of numbers.
+OurNumber = Literal[
+    "fx", "fy", "cx", "cy",
+    "k", "k0", "k1", "k2", "k3", "k4", "k5", "k6", "p0", "p1", "p2", "s0", "s1", "s2", "s3", "s4",
+    "xi", "alpha", "beta", "omega",
+    "a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7", "a8", "a9",
+    "a10", "a11", "a12", "a13", "a14", "a15", "a16", "a17", "a18", "a19",
+    "c", "d", "e", "c0", "c1", "c2", "c3", "c4", "c5", "lc", "ld", "le",
+]  # fmt: skip
+"""Numbers of our models: see :class:`omniscv.cameras.lens_parameters.Parameters`."""
 
-The first three lines are those of :class:`omniscv.cameras.lens_parameters.Parameters`; ``f`` to ``rad`` those
-of :data:`omniscv.calibration.intrinsics.DERIVED`; ``sensor`` is the sensor's width, mm; ``angle`` and
-``angle_y`` are the fields of view from side to side and from top to bottom, radians; ``W`` and ``H`` the
-image's width and height, px. The last line is a pose's: metres, and a quaternion of length 1.
+FileNumber = Literal[
+    "f", "s", "ratio", "du", "dv", "du0", "dv0", "f_y", "b1", "nf", "nfx", "nfy", "ncx", "ncy", "mm", "fov",
+    "rad", "sensor", "angle", "angle_y", "_",
+]  # fmt: skip
+"""Numbers of files from which ours follow.
+
+``sensor`` is the sensor's width, mm; ``angle`` and ``angle_y`` are the fields of view from side to side and
+from top to bottom, radians; the others are those of :data:`omniscv.calibration.intrinsics.DERIVED`.
 """
+
+SizeNumber = Literal["W", "H", "W/2", "H/2"]
+"""Width and height of the image, px, and half of them."""
+
+PoseNumber = Literal["x", "y", "z", "qx", "qy", "qz", "qw"]
+"""Numbers of a pose: metres, and a quaternion of length 1."""
+
+Number = OurNumber | FileNumber | SizeNumber | PoseNumber
 
 ANY: Final = "_"
 """The number of a value that does not matter."""
+
+MATRIX: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
+RADTAN4: tuple[Number, ...] = ("k1", "k2", "p1", "p2")
+RADTAN5: tuple[Number, ...] = (*RADTAN4, "k3")
+RADTAN8: tuple[Number, ...] = (*RADTAN4, "k3", "k4", "k5", "k6")
+FISHEYE4: tuple[Number, ...] = ("k1", "k2", "k3", "k4")
+"""Numbers that many forms hold in this order."""
 
 ModelName = Literal[
     "division", "double-sphere", "equirectangular", "extended-unified", "field-of-view", "fisheye624",
@@ -218,8 +235,3 @@ def check_order(model: Model, numbers: Numbers) -> None:
         beside = [other for other in numbers if (name, other) in _TOGETHER]
         for other in [*later, *beside]:
             raise ArgumentError(f"missing key {key.path!r}, as {other} is there")
-
-
-__all__ = [
-    "ANY", "Key", "Model", "ModelName", "Number", "Word", "array", "check_order", "parts", "scalar", "scalars"
-]  # fmt: skip

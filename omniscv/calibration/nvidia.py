@@ -21,7 +21,7 @@ import numpy as np
 from omniscv.arguments import one_of, shown, within, wrong
 from omniscv.calibration.documents import Content, put_once
 from omniscv.calibration.forms import Form, Layout, LensNumbers, Reading, Writing
-from omniscv.calibration.keys import Model, array, scalar, scalars
+from omniscv.calibration.keys import FISHEYE4, MATRIX, RADTAN8, Model, array, scalar, scalars
 from omniscv.calibration.nodes import Node, Values, mappings
 from omniscv.cameras import Camera, FTheta
 from omniscv.errors import ArgumentError
@@ -118,8 +118,8 @@ ISAAC = Form(
                 "pinhole",
                 words=("opencvPinhole",),
                 keys=(
-                    *scalars("fx", "fy", "cx", "cy"),
-                    *scalars("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", optional=True),
+                    *scalars(*MATRIX),
+                    *scalars(*RADTAN8, optional=True),
                     *scalars("s1", "s2", "s3", "s4", optional=True),
                 ),
             ),
@@ -127,8 +127,8 @@ ISAAC = Form(
                 "kannala-brandt",
                 words=("opencvFisheye",),
                 keys=(
-                    *scalars("fx", "fy", "cx", "cy"),
-                    *scalars("k1", "k2", "k3", "k4", optional=True),
+                    *scalars(*MATRIX),
+                    *scalars(*FISHEYE4, optional=True),
                 ),
             ),
         ),

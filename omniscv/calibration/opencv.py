@@ -32,7 +32,7 @@ from omniscv.calibration.forms import (
     matrix_3x4,
     rotation_of,
 )
-from omniscv.calibration.keys import Model, Number, array, scalar
+from omniscv.calibration.keys import FISHEYE4, MATRIX, RADTAN4, RADTAN5, Model, Number, array, scalar
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
 from omniscv.calibration.table import HEIGHT, UPRIGHT, WIDTH, D, distortion
 from omniscv.cameras import Camera, create
@@ -51,8 +51,7 @@ K = (
     "new_K",
 )  # fmt: skip
 """What people call the matrix."""
-_FOUR = array(("intrinsics", "intrinsic", "camera_intrinsics", "cam_intrinsics"), "fx", "fy", "cx", "cy")
-_FISHEYE4: tuple[Number, ...] = ("k1", "k2", "k3", "k4")
+_FOUR = array(("intrinsics", "intrinsic", "camera_intrinsics", "cam_intrinsics"), *MATRIX)
 _SKEWED: tuple[Number | int, ...] = ("fx", "s", "cx", 0, "fy", "cy", 0, 0, 1)
 _SIZES = (WIDTH, HEIGHT)
 _WORDS = ("distortion_model", "distortion_type", "lens_model", "lens_type")
@@ -253,7 +252,7 @@ def _form(name: str, programs: str, *models: Model, constant: Mapping[str, int] 
 
 
 _COEFFICIENTS = distortion(D, optional=True)
-_FISHEYE_COEFFICIENTS = array(D, *_FISHEYE4, 0, counts=(4, 5))
+_FISHEYE_COEFFICIENTS = array(D, *FISHEYE4, 0, counts=(4, 5))
 OPENCV = _form(
     "opencv",
     "OpenCV's samples, numpy archives, scripts: K and D in any spelling",
@@ -271,7 +270,7 @@ FISHEYE = _form(
 OMNIDIR = _form(
     "opencv-omnidir",
     "the same of cv2.omnidir",
-    Model("unified", (array(K, *_SKEWED), scalar("xi", "xi"), array(D, "k1", "k2", "p1", "p2"))),
+    Model("unified", (array(K, *_SKEWED), scalar("xi", "xi"), array(D, *RADTAN4))),
 )
 
 
@@ -337,7 +336,7 @@ class Ros(Form):
 
 _MATRIX = array(K, *UPRIGHT)
 _PLUMB_BOB = ("plumb_bob", "rational_polynomial")
-_FISHEYE_D = array(D, *_FISHEYE4)
+_FISHEYE_D = array(D, *FISHEYE4)
 ROS = Ros(
     "ros",
     "ROS 1 and 2: camera_info as file, .ini or print",
@@ -351,7 +350,7 @@ ROS = Ros(
     layout=Layout(
         models=(
             Model("pinhole", (_MATRIX, distortion(D, or_none=True)), _PLUMB_BOB),
-            Model("pinhole", (_MATRIX, array(D, "k1", "k2", "p1", "p2", "k3", counts=(0, 5))), ("none",)),
+            Model("pinhole", (_MATRIX, array(D, *RADTAN5, counts=(0, 5))), ("none",)),
             Model("kannala-brandt", (_MATRIX, _FISHEYE_D), ("equidistant",)),
             Model("pinhole", (_FOUR, distortion(D, or_none=True)), _PLUMB_BOB, read_only=True),
             Model("kannala-brandt", (_FOUR, _FISHEYE_D), ("equidistant",), read_only=True),

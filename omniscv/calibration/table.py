@@ -14,18 +14,27 @@ from omniscv.calibration.forms import (
     TimeOffset,
     Writing,
 )
-from omniscv.calibration.keys import ANY, Key, Model, ModelName, Number, array, scalar, scalars
+from omniscv.calibration.keys import (
+    ANY,
+    FISHEYE4,
+    MATRIX,
+    RADTAN4,
+    RADTAN5,
+    RADTAN8,
+    Key,
+    Model,
+    ModelName,
+    Number,
+    array,
+    scalar,
+    scalars,
+)
 from omniscv.calibration.nodes import Paths
 
 UPRIGHT: tuple[Number | int, ...] = ("fx", 0, "cx", 0, "fy", "cy", 0, 0, 1)
 """A matrix K without skew, row by row."""
 
-_PINHOLE: tuple[Number, ...] = ("fx", "fy", "cx", "cy")
-_RADTAN4: tuple[Number, ...] = ("k1", "k2", "p1", "p2")
-_RADTAN5: tuple[Number, ...] = (*_RADTAN4, "k3")
-_RADTAN8: tuple[Number, ...] = (*_RADTAN4, "k3", "k4", "k5", "k6")
-_RADTAN14: tuple[Number | int, ...] = (*_RADTAN8, "s1", "s2", "s3", "s4", 0, 0)
-_FISHEYE4: tuple[Number, ...] = ("k1", "k2", "k3", "k4")
+_RADTAN14: tuple[Number | int, ...] = (*RADTAN8, "s1", "s2", "s3", "s4", 0, 0)
 
 
 def distortion(paths: Paths, *, optional: bool = False, or_none: bool = False) -> Key:
@@ -57,7 +66,7 @@ CAMODOCAL = Form(
                     scalar("projection_parameters.u0", "cx"),
                     scalar("projection_parameters.v0", "cy"),
                     scalar("mirror_parameters.xi", "xi"),
-                    *scalars(*_RADTAN4, below="distortion_parameters", optional=True),
+                    *scalars(*RADTAN4, below="distortion_parameters", optional=True),
                 ),
             ),
             Model(
@@ -78,16 +87,16 @@ CAMODOCAL = Form(
                 "pinhole",
                 words=("PINHOLE",),
                 keys=(
-                    *scalars(*_PINHOLE, below="projection_parameters"),
-                    *scalars(*_RADTAN4, below="distortion_parameters", optional=True),
+                    *scalars(*MATRIX, below="projection_parameters"),
+                    *scalars(*RADTAN4, below="distortion_parameters", optional=True),
                 ),
             ),
             Model(
                 "pinhole",
                 words=("PINHOLE_FULL",),
                 keys=(
-                    *scalars(*_PINHOLE, below="projection_parameters"),
-                    *scalars(*_RADTAN8, below="distortion_parameters", optional=True),
+                    *scalars(*MATRIX, below="projection_parameters"),
+                    *scalars(*RADTAN8, below="distortion_parameters", optional=True),
                 ),
             ),
             Model(
@@ -136,12 +145,12 @@ ORB = Form(
             Model(
                 "pinhole",
                 words=("PinHole", "none"),
-                keys=(*_of_first(*_PINHOLE), *_of_first(*_RADTAN5, optional=True)),
+                keys=(*_of_first(*MATRIX), *_of_first(*RADTAN5, optional=True)),
             ),
             Model(
                 "kannala-brandt",
                 words=("KannalaBrandt8",),
-                keys=_of_first(*_PINHOLE, *_FISHEYE4),
+                keys=_of_first(*MATRIX, *FISHEYE4),
             ),
         ),
         word=("Camera.type",),
@@ -162,19 +171,19 @@ STELLA = Form(
                 "pinhole",
                 words=("perspective",),
                 keys=(
-                    *scalars(*_PINHOLE, below="Camera"),
-                    *scalars(*_RADTAN5, below="Camera", optional=True),
+                    *scalars(*MATRIX, below="Camera"),
+                    *scalars(*RADTAN5, below="Camera", optional=True),
                 ),
             ),
             Model(
                 "kannala-brandt",
                 words=("fisheye",),
-                keys=scalars(*_PINHOLE, *_FISHEYE4, below="Camera"),
+                keys=scalars(*MATRIX, *FISHEYE4, below="Camera"),
             ),
             Model(
                 "division",
                 words=("radial_division",),
-                keys=(*scalars(*_PINHOLE, below="Camera"), scalar("Camera.distortion", "k")),
+                keys=(*scalars(*MATRIX, below="Camera"), scalar("Camera.distortion", "k")),
             ),
             Model("equirectangular", words=("equirectangular",)),
         ),
@@ -233,7 +242,7 @@ NERFSTUDIO = Form(
                     scalar("fl_x", "fx"),
                     scalar("fl_y", "fy"),
                     *scalars("cx", "cy"),
-                    *scalars(*_FISHEYE4, optional=True),
+                    *scalars(*FISHEYE4, optional=True),
                 ),
             ),
             Model(
@@ -261,7 +270,7 @@ KITTI = Form(
     "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
     marks=(parts.KITTI_MATRICES,),
     layout=Layout(
-        models=(Model("pinhole", keys=(array("K", *UPRIGHT), array("D", *_RADTAN5, counts=(0, 4, 5)))),),
+        models=(Model("pinhole", keys=(array("K", *UPRIGHT), array("D", *RADTAN5, counts=(0, 4, 5)))),),
         size=("S",),
         poses=(PoseMatrix("T", "T_c_b"),),
     ),
@@ -330,10 +339,10 @@ INTRINSICS = parts.OfOthers(
             Model(
                 "pinhole",
                 words=_BROWN_CONRADY,
-                keys=(*_FOUR, *_one_by_one(*_RADTAN5, optional=True)),
+                keys=(*_FOUR, *_one_by_one(*RADTAN5, optional=True)),
                 read_only=True,
             ),
-            Model("pinhole", words=_BROWN_CONRADY, keys=(*_FOUR, *_one_by_one(*_RADTAN8)), read_only=True),
+            Model("pinhole", words=_BROWN_CONRADY, keys=(*_FOUR, *_one_by_one(*RADTAN8)), read_only=True),
             Model(
                 "pinhole",
                 words=("Modified_Brown_Conrady", "Inverse_Brown_Conrady", "inverse", "modified"),
@@ -343,12 +352,12 @@ INTRINSICS = parts.OfOthers(
             Model(
                 "kannala-brandt",
                 words=("Kannala_Brandt4", "fisheye"),
-                keys=(*_FOUR, array(D, *_FISHEYE4, 0, counts=(4, 5))),
+                keys=(*_FOUR, array(D, *FISHEYE4, 0, counts=(4, 5))),
             ),
             Model(
                 "kannala-brandt",
                 words=("Kannala_Brandt4", "fisheye"),
-                keys=(*_FOUR, *_one_by_one(*_FISHEYE4)),
+                keys=(*_FOUR, *_one_by_one(*FISHEYE4)),
                 read_only=True,
             ),
         ),
@@ -392,27 +401,27 @@ SENSOR = Form(
                 "pinhole",
                 words=(("pinhole", "radial-tangential"), ("none", "radtan")),
                 keys=(
-                    array("intrinsics", *_PINHOLE),
-                    array(_COEFFICIENTS, *_RADTAN8, counts=(4, 5, 8)),
+                    array("intrinsics", *MATRIX),
+                    array(_COEFFICIENTS, *RADTAN8, counts=(4, 5, 8)),
                 ),
             ),
             Model(
                 "pinhole",
                 words=(("pinhole", "none"), ("none", "none")),
                 keys=(
-                    array("intrinsics", *_PINHOLE),
+                    array("intrinsics", *MATRIX),
                     array(_COEFFICIENTS, 0, 0, 0, 0, counts=(0, 4), optional=True),
                 ),
             ),
             Model(
                 "kannala-brandt",
                 words=(("pinhole", "equidistant"), ("none", "equidistant"), ("fisheye", "equidistant")),
-                keys=(array("intrinsics", *_PINHOLE), array(_COEFFICIENTS, *_FISHEYE4)),
+                keys=(array("intrinsics", *MATRIX), array(_COEFFICIENTS, *FISHEYE4)),
             ),
             Model(
                 "unified",
                 words=(("omni", "radial-tangential"),),
-                keys=(array("intrinsics", "xi", *_PINHOLE), array(_COEFFICIENTS, *_RADTAN4)),
+                keys=(array("intrinsics", "xi", *MATRIX), array(_COEFFICIENTS, *RADTAN4)),
             ),
         ),
         word=("camera_model", "distortion_model"),
@@ -425,7 +434,7 @@ SENSOR = Form(
 
 def _basalt(word: str, name: ModelName, *keys: Key) -> Model:
     """Return a model by basalt's word for it, our name, and the keys of its numbers beside those of K."""
-    return Model(name, (*scalars(*_PINHOLE, below="intrinsics"), *keys), (word,), read_only=True)
+    return Model(name, (*scalars(*MATRIX, below="intrinsics"), *keys), (word,), read_only=True)
 
 
 BASALT = Form(
@@ -438,10 +447,10 @@ BASALT = Form(
             _basalt(
                 "pinhole-radtan8",
                 "pinhole",
-                *scalars("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", below="intrinsics"),
+                *scalars(*RADTAN8, below="intrinsics"),
                 scalar("intrinsics.rpmax", ANY, optional=True),
             ),
-            _basalt("kb4", "kannala-brandt", *scalars(*_FISHEYE4, below="intrinsics")),
+            _basalt("kb4", "kannala-brandt", *scalars(*FISHEYE4, below="intrinsics")),
             _basalt("ds", "double-sphere", *scalars("xi", "alpha", below="intrinsics")),
             _basalt("eucm", "extended-unified", *scalars("alpha", "beta", below="intrinsics")),
             _basalt("ucm", "extended-unified", *scalars("alpha", below="intrinsics")),
@@ -519,7 +528,7 @@ ARIA = Form(
             Model(
                 "kannala-brandt",
                 words=("KannalaBrandtK3",),
-                keys=(array("Projection.Params", *_PINHOLE, *_FISHEYE4),),
+                keys=(array("Projection.Params", *MATRIX, *FISHEYE4),),
             ),
             Model(
                 "fisheye624",
@@ -530,7 +539,7 @@ ARIA = Form(
             Model(
                 "pinhole",
                 words=("Linear",),
-                keys=(array("Projection.Params", *_PINHOLE),),
+                keys=(array("Projection.Params", *MATRIX),),
                 read_only=True,
             ),
         ),
@@ -599,7 +608,7 @@ METASHAPE = Form(
                 words=("fisheye",),
                 keys=(
                     *_METASHAPE,
-                    *scalars(*_FISHEYE4, optional=True),
+                    *scalars(*FISHEYE4, optional=True),
                     scalar("p1", 0, optional=True),
                     scalar("p2", 0, optional=True),
                     scalar("p3", 0, optional=True),
@@ -673,7 +682,7 @@ OPENSFM = Form(
             Model(
                 "kannala-brandt",
                 words=("fisheye_opencv",),
-                keys=(*_NORMED, *scalars(*_FISHEYE4, optional=True)),
+                keys=(*_NORMED, *scalars(*FISHEYE4, optional=True)),
             ),
             Model(
                 "fisheye624",
@@ -721,7 +730,7 @@ OPENMVG = Form(
             Model(
                 "kannala-brandt",
                 words=("fisheye",),
-                keys=(*_OPENMVG, array(("fisheye", "disto_fisheye"), *_FISHEYE4)),
+                keys=(*_OPENMVG, array(("fisheye", "disto_fisheye"), *FISHEYE4)),
                 read_only=True,
             ),
             Model("equirectangular", words=("spherical",), read_only=True),
@@ -738,7 +747,7 @@ def _alicevision(*matrix: Key) -> tuple[Model, ...]:
     radial1 = array("distortionParams", "k1")
     radial3 = array("distortionParams", "k1", "k2", "k3")
     brown = array("distortionParams", "k1", "k2", "k3", "p1", "p2")
-    fisheye4 = array("distortionParams", *_FISHEYE4)
+    fisheye4 = array("distortionParams", *FISHEYE4)
     return (
         Model("pinhole", matrix, (("pinhole", "none"),), read_only=True),
         Model("pinhole", (*matrix, radial1), (("radial1", "none"), ("pinhole", "radialk1")), read_only=True),
@@ -835,18 +844,18 @@ DSO = Form(
             Model(
                 "pinhole",
                 words=("Pinhole", "FOV", "ATAN", "none"),
-                keys=(array("numbers", *_PINHOLE, 0, counts=(4, 5)),),
+                keys=(array("numbers", *MATRIX, 0, counts=(4, 5)),),
             ),
             Model(
                 "field-of-view",
                 words=("FOV", "ATAN", "none"),
-                keys=(array("numbers", *_PINHOLE, "omega"),),
+                keys=(array("numbers", *MATRIX, "omega"),),
             ),
-            Model("pinhole", words=("RadTan", "none"), keys=(array("numbers", *_PINHOLE, *_RADTAN4),)),
+            Model("pinhole", words=("RadTan", "none"), keys=(array("numbers", *MATRIX, *RADTAN4),)),
             Model(
                 "kannala-brandt",
                 words=("EquiDistant", "KannalaBrandt"),
-                keys=(array("numbers", *_PINHOLE, *_FISHEYE4),),
+                keys=(array("numbers", *MATRIX, *FISHEYE4),),
             ),
         ),
         word=("model",),
@@ -865,7 +874,7 @@ ZED = Form(
             Model(
                 "pinhole",
                 keys=(
-                    *scalars(*_PINHOLE, "k1", "k2"),
+                    *scalars(*MATRIX, "k1", "k2"),
                     *scalars("p1", "p2", "k3", "k4", "k5", "k6", optional=True),
                 ),
                 read_only=True,
@@ -888,7 +897,7 @@ GYROFLOW = Form(
                 words=("opencv_fisheye", "none"),
                 keys=(
                     array("fisheye_params.camera_matrix", *UPRIGHT),
-                    array("fisheye_params.distortion_coeffs", *_FISHEYE4, counts=(0, 4)),
+                    array("fisheye_params.distortion_coeffs", *FISHEYE4, counts=(0, 4)),
                 ),
                 read_only=True,
             ),
