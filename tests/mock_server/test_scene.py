@@ -260,3 +260,17 @@ def test_a_picture_hangs_upright_and_is_not_mirrored(tmp_path, yaw_deg):
     picture = np.roll(picture, 20, axis=1)  # its lower left corner is at the origin, below the wall's middle
     shade = (hits.color / (picture / 255.0 + 1e-9))[picture > 50]
     np.testing.assert_allclose(shade, np.median(shade), rtol=1e-6)
+
+
+def test_floor_and_ceiling_fill_an_angled_room_away_from_the_origin():
+    """Rays down and up from its corners meet them at its heights; outside there is nothing."""
+    corners = [[4, 5], [9, 5], [9, 7], [6, 7], [6, 11], [4, 11]]
+    scene = Scene("it", {"sky": [*SKY], "room": {"floor": corners, "height": 2.5}})
+    inside = np.array([[4.1, 5.1, 1], [8.9, 6.9, 1], [5.9, 10.9, 1], [4.1, 10.9, 1], [6.5, 6.9, 1]])
+    down = scene.trace(inside, np.tile([0.0, 0, -1], (5, 1)))
+    up = scene.trace(inside, np.tile([0.0, 0, 1], (5, 1)))
+    np.testing.assert_allclose(down.distance, 1, rtol=EXACT)
+    np.testing.assert_allclose(up.distance, 1.5, rtol=EXACT)
+    assert len({*down.label} | {*up.label}) == 2
+    outside = np.array([[7.0, 9, 1], [3.9, 6, 1], [0, 0, 1]])
+    assert np.isinf(scene.trace(outside, np.tile([0.0, 0, -1], (3, 1))).distance).all()
