@@ -1,7 +1,7 @@
 """A recording holds one scene, and states of its world, each of which is replayed from its own captures."""
 
 import json
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,15 +16,22 @@ from support.recordings import CountingSource, contents, filled
 
 import mock_server
 import omniscv
-from omniscv.errors import ArgumentError, MissingCaptureError, RecordingNotWritableError
+from omniscv.errors import (
+    ArgumentError,
+    MissingCaptureError,
+    OtherMomentError,
+    RecordingNotWritableError,
+    TornSetError,
+)
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.importing.folders import export, import_folder
-from omniscv.sources import ObjectTable, SceneIdentity, SourceWrapper
+from omniscv.sources import Capabilities, ObjectTable, SceneIdentity, SourceWrapper
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.world_rows import WorldState
 from omniscv.sources.scene import SceneSource
+from omniscv.sources.stillness import verify_still
 
 LATER, EMPTIER = STATES[1:]
 SOME = [2, pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(1800)])]
@@ -342,3 +349,45 @@ def test_the_still_world_is_no_state_also_after_others_were_captured(tmp_path):
         list(source.capture(requests(SMALL)[:2]))
     with closing(Store(path)) as store:
         assert set(store.states()) == {hidden}
+
+
+class Moving(SourceWrapper):
+    """A source that counts how often one instant is asked of it."""
+
+    capabilities = Capabilities(frozenset(("lit", "depth")), moves=True)
+    instants = 0
+
+    @contextmanager
+    def one_instant(self):
+        self.instants += 1
+        yield
+
+
+@pytest.mark.parametrize(("torn", "succeeds"), [(0, True), (1, True), (2, True), (3, False)])
+def test_a_set_that_is_torn_is_made_anew_three_times_at_most(torn, succeeds, scene):
+    source = Moving(scene)
+    tries = []
+
+    def make(watched):
+        tries.append(watched)
+        if len(tries) <= torn:
+            raise TornSetError("it moved")
+        return "whole"
+
+    if succeeds:
+        assert verify_still(source, ("lit",), make) == "whole"
+    else:
+        with pytest.raises(TornSetError, match="it moved"):
+            verify_still(source, ("lit",), make)
+    assert len(tries) == source.instants == min(torn + 1, 3)
+
+
+def test_a_set_of_another_moment_than_the_recordings_is_not_made_anew(scene):
+    source = Moving(scene)
+
+    def make(watched):
+        raise OtherMomentError("the recording shows another moment")
+
+    with pytest.raises(OtherMomentError):
+        verify_still(source, ("lit",), make)
+    assert source.instants == 1
