@@ -350,7 +350,7 @@ def nearest(camera: Camera, format: str) -> Fit | None:
         ArgumentError: none of the models can be fitted.
     """
     form = FORMS[one_of("format", format, FORMS)]
-    name = form.writing.label.format(0, 1, name="cam0")
+    name = form.writing.name_of("cam0")
     try:
         dumps({name: camera}, format)
         return None

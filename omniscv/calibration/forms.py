@@ -251,6 +251,15 @@ class Writing:
     label: str = "{name}"
     from_first: bool = False
 
+    def name_of(self, name: str, index: int = 0) -> str:
+        """Return what a camera is called in a file.
+
+        Args:
+            name: its name elsewhere.
+            index: its place among the cameras of the file, from 0.
+        """
+        return self.label.format(index, index + 1, name=name)
+
 
 @dataclass(frozen=True)
 class Form:

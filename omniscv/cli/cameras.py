@@ -149,10 +149,8 @@ def fit(
 
     result = fit(fitted.camera(source), model)
     if out is not None:
-        label = FORMS[one_of("--format", format, FORMS)].writing.label.format(
-            0, 1, name=fitted.name or "cam0"
-        )
-        save(out, {label: result.camera}, format)
+        form = FORMS[one_of("--format", format, FORMS)]
+        save(out, {form.writing.name_of(fitted.name or "cam0"): result.camera}, format)
     if as_json:
         errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}
         console.as_json({"camera": result.camera.to_dict(), **errors})
@@ -200,7 +198,7 @@ def convert(
     mounts = {}
     for i, (key, entry) in enumerate(entries.items()):
         mounted = _fitted(key, entry.mounted, format) if fit else entry.mounted
-        mounts[form.writing.label.format(i, i + 1, name=key)] = mounted
+        mounts[form.writing.name_of(key, i)] = mounted
     is_rig = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
     if is_rig and form.layout.poses:
         rig = Rig(mounts)

@@ -160,8 +160,8 @@ def doctor(
     Exit code 1 if something is bad.
     """
     if (uri is None) != self:
-        both = "both" if self else "none"
-        raise ArgumentError(f"doctor: expected the address of a server or --self, got {both}")
+        given = "both" if self else "none"
+        raise ArgumentError(f"doctor: expected the address of a server or --self, got {given}")
     if files.report is not None and not (uri or "").startswith(("unreal", "mock:")):
         raise ArgumentError(f"--report: expected an address unreal:// or mock://, got {uri or 'none'}")
     if uri is None:

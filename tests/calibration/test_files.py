@@ -16,7 +16,7 @@ WRITTEN = [name for name, form in FORMS.items() if form.written]
 
 
 def named(format: str) -> str:
-    return "camera-slam-left" if format == "aria" else FORMS[format].writing.label.format(0, 1, name="cam0")
+    return "camera-slam-left" if format == "aria" else FORMS[format].writing.name_of("cam0")
 
 
 def assert_clear(error: pytest.ExceptionInfo[ArgumentError]) -> None:
