@@ -33,23 +33,33 @@ _ISAAC_MASKS = (
 
 
 def gaussian_splatting(folder: Path, options: Options) -> Sequence:
-    """Return the frames of ``cameras.json`` as 3D Gaussian Splatting writes it: COLMAP's axes, and the middle
-    of the picture as its centre."""
+    """Return the frames of ``cameras.json`` as 3D Gaussian Splatting writes it.
+
+    Poses have COLMAP's axes, and the middle of a picture is its centre.
+
+    Args:
+        folder: of the file.
+        options: of the user.
+    """
     with within("cameras.json"):
         entries = parse_json(read_bytes(folder / "cameras.json", MOST_JSON_BYTES))
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise ArgumentError("expected a list of cameras, got another value")
     if not entries:
         raise ArgumentError("cameras.json: expected cameras, got an empty list")
-    frames = list[Frame]()
-    keys = ("position", "rotation")
-    rows = [(f"cameras.json[{i}]", {key: entry.get(key) for key in keys}) for i, entry in enumerate(entries)]
+    rows: list[tuple[str, dict[str, Any]]] = []
+    for i, entry in enumerate(entries):
+        pose = {"position": entry.get("position"), "rotation": entry.get("rotation")}
+        rows.append((f"cameras.json[{i}]", pose))
     positions, rotations = Rows.of_entries(rows).poses("camera")
+    frames: list[Frame] = []
     for i, entry in enumerate(entries):
         with within(f"cameras.json[{i}]"):
             name = text("img_name", entry.get("img_name"))
-            width, height = (whole_number(key, entry.get(key)) for key in ("width", "height"))
-            fx, fy = (number(key, entry.get(key), above=0) for key in ("fx", "fy"))
+            width = whole_number("width", entry.get("width"))
+            height = whole_number("height", entry.get("height"))
+            fx = number("fx", entry.get("fx"), above=0)
+            fy = number("fy", entry.get("fy"), above=0)
             lens: Pinhole | Wide | None = Pinhole(fx, fy, width / 2, height / 2, width, height)
             if options.intrinsics:
                 lens = of_file(options.intrinsics, (width, height))
@@ -59,17 +69,22 @@ def gaussian_splatting(folder: Path, options: Options) -> Sequence:
 
 def _picture(folder: Path, name: str) -> Path:
     """Return the picture of a name, whose suffix may be missing, in the folder or in its ``images``."""
-    names = [name] if Path(name).suffix.lower() in foreign.SUFFIXES else []
-    names += [name + suffix for suffix in foreign.SUFFIXES if not names]
+    names = [name]
+    if Path(name).suffix.lower() not in foreign.SUFFIXES:
+        names = [name + suffix for suffix in foreign.SUFFIXES]
     for place in ("images", "input", ""):
-        for each in names:
-            if (path := inside(folder, str(Path(place) / each))).exists():
+        for file_name in names:
+            path = inside(folder, str(Path(place) / file_name))
+            if path.exists():
                 return path
     raise ArgumentError(f"expected a picture {shown(name)} in images/ or beside it, got none; copy it there")
 
 
 def llff(folder: Path, options: Options) -> Sequence:
-    """Return the frames of LLFF's ``poses_bounds.npy``: 17 numbers for each picture, by name."""
+    """Return the frames of LLFF's ``poses_bounds.npy``: 17 numbers for each picture, by name.
+
+    ``folder`` is that of the file; ``options`` are of the user.
+    """
     with within("poses_bounds.npy"):
         try:
             table = npy.decode(read_bytes(folder / "poses_bounds.npy", MOST_JSON_BYTES)).astype(np.float64)
@@ -77,18 +92,22 @@ def llff(folder: Path, options: Options) -> Sequence:
             raise ArgumentError(str(cause)) from cause
         if table.ndim != 2 or table.shape[1] != 17:
             raise ArgumentError(f"expected 17 numbers for each picture, got shape {table.shape}")
-    place = next((folder / name for name in ("images", "") if (folder / name).is_dir()), folder)
+    place = folder / "images"
+    if not place.is_dir():
+        place = folder
     pictures = [file for file in files_in(place, options) if file.suffix.lower() in foreign.SUFFIXES]
     if len(pictures) != len(table):
-        got = f"{len(pictures)} pictures in {place.name}/ and {len(table)} rows"
-        raise ArgumentError(f"poses_bounds.npy: expected a row for each picture, by name, got {got}")
+        actual = f"{len(pictures)} pictures in {place.name}/ and {len(table)} rows"
+        raise ArgumentError(f"poses_bounds.npy: expected a row for each picture, by name, got {actual}")
     matrices = table[:, :15].reshape(-1, 3, 5)
-    rows = [(f"row {i + 1}", {"transform_matrix": matrix[:, :4]}) for i, matrix in enumerate(matrices)]
+    rows: list[tuple[str, dict[str, Any]]] = []
+    for i, matrix in enumerate(matrices):
+        rows.append((f"row {i + 1}", {"transform_matrix": matrix[:, :4]}))
     R, positions = _by_words(rows, Words(_LLFF))
-    frames = list[Frame]()
+    frames: list[Frame] = []
     for i, (height, width, focal) in enumerate(matrices[:, :, 4].tolist()):
         with within(f"row {i + 1}"):
-            size = whole_number("width", int(width)), whole_number("height", int(height))
+            size = (whole_number("width", int(width)), whole_number("height", int(height)))
             focal = number("focal length", focal, above=0)
         lens: Pinhole | Wide | None = Pinhole(focal, focal, width / 2, height / 2, width, height)
         if options.intrinsics:
@@ -104,8 +123,14 @@ def _by_words(rows: list[tuple[str, dict[str, Any]]], words: Words) -> tuple[Arr
 
 
 def arkit_scenes(folder: Path, options: Options) -> Sequence:
-    """Return the frames of ARKitScenes: ``lowres_wide`` and ``lowres_depth``, and a text of poses from the
-    world to the camera, each a time, an axis times its angle, and a translation."""
+    """Return the frames of ARKitScenes: ``lowres_wide`` and ``lowres_depth``, and a text of poses.
+
+    Poses are from the world to the camera, each a time, an axis times its angle, and a translation.
+
+    Args:
+        folder: of a scene.
+        options: of the user.
+    """
     from scipy.spatial.transform import Rotation  # slow to load
 
     file = min(folder.glob("*.traj"))
@@ -115,7 +140,7 @@ def arkit_scenes(folder: Path, options: Options) -> Sequence:
     R_c_w = Rotation.from_rotvec(table[:, 1:4].copy()).as_matrix()
     R_w_c = R_c_w.swapaxes(1, 2)
     positions = -np.einsum("nij,nj->ni", R_w_c, table[:, 4:])
-    frames = list[Frame]()
+    frames: list[Frame] = []
     late = 0
     for picture in files_in(folder, options):
         match = _STAMP.fullmatch(picture.stem)
@@ -150,8 +175,14 @@ def _pincam(folder: Path, picture: Path, options: Options) -> Pinhole | Wide | N
 
 
 def sun_rgbd(folder: Path, options: Options) -> Sequence:
-    """Return the frame of a scene of SUN RGB-D, which is a world of its own: its camera is at the origin, and
-    ``extrinsics`` turns its axes (x right, y down, z ahead) to level ones."""
+    """Return the frame of a scene of SUN RGB-D, which is a world of its own.
+
+    Its camera is at the origin, and ``extrinsics`` turns its axes (x right, y down, z ahead) to level ones.
+
+    Args:
+        folder: of a scene.
+        options: of the user.
+    """
     scenes = sorted({file.parent.parent for file in folder.glob("*/**/extrinsics/*.txt")})
     if not (folder / "extrinsics").is_dir() and scenes:
         example = shown(scenes[0].relative_to(folder).as_posix())
@@ -211,9 +242,12 @@ def _sun_rgbd_lens(folder: Path, lit: Path, options: Options) -> Pinhole | Wide 
 
 
 def hypersim(folder: Path, options: Options) -> Sequence:
-    """Return the frames of a scene of Hypersim: positions are in units of the scene, colours are light."""
+    """Return the frames of a scene of Hypersim: positions are in units of the scene, colours are light.
+
+    ``folder`` is that of the scene; ``options`` are of the user.
+    """
     unit_m = _asset_unit(folder / "_detail" / "metadata_scene.csv")
-    frames = list[Frame]()
+    frames: list[Frame] = []
     for camera in sorted((folder / "_detail").glob("cam_*")):
         indices = _keyframes(camera, "frame_indices", (None,))
         positions = _keyframes(camera, "positions", (None, 3))
@@ -246,9 +280,11 @@ def _hypersim_lens(paths: Mapping[str, Path], options: Options) -> Pinhole | Wid
 def _asset_unit(file: Path) -> float:
     """Return the metres of a unit of a scene, by the table of its parameters."""
     with within(file.name):
-        lines = decode_text(read_bytes(file, MOST_JSON_BYTES)).splitlines()
-        cells = [line.split(",") for line in lines]
-        values = {row[0].strip(): row[1].strip() for row in cells if len(row) == 2}
+        values = {}
+        for line in decode_text(read_bytes(file, MOST_JSON_BYTES)).splitlines():
+            cells = line.split(",")
+            if len(cells) == 2:
+                values[cells[0].strip()] = cells[1].strip()
         return number("meters_per_asset_unit", values.get("meters_per_asset_unit"), above=0)
 
 
@@ -270,13 +306,16 @@ def _hypersim_files(images: Path, camera: str, stem: str) -> dict[str, Path]:
         "depth": geometry / f"{stem}.depth_meters.hdf5",
         "object_mask": geometry / f"{stem}.semantic_instance.hdf5",
     }
-    return {mode: path for mode, path in paths.items() if path.exists()}
+    return {mode: paths[mode] for mode in paths if paths[mode].exists()}
 
 
 def isaac(folder: Path, options: Options) -> Sequence:
-    """Return the frames of Isaac Replicator's BasicWriter, whose option ``camera_params`` is on."""
-    frames = list[Frame]()
-    names = set[str]()
+    """Return the frames of Isaac Replicator's BasicWriter, whose option ``camera_params`` is on.
+
+    ``folder`` is where it wrote them; ``options`` are of the user.
+    """
+    frames: list[Frame] = []
+    names: set[str] = set()
     for file in files_in(folder, options):
         match = re.fullmatch(r"camera_params_(\d+)\.json", file.name)
         if match is None:
@@ -296,7 +335,7 @@ def isaac(folder: Path, options: Options) -> Sequence:
 
 def _isaac_files(folder: Path, number: str) -> tuple[dict[str, Path], str, Path | None]:
     """Return the pictures of a frame by mode, the kind of its depth, and the list of its objects."""
-    paths = dict[str, Path]()
+    paths: dict[str, Path] = {}
     for suffix in ("png", "jpg", "jpeg"):
         if (lit := folder / f"rgb_{number}.{suffix}").exists():
             paths["lit"] = lit
@@ -330,6 +369,12 @@ def _isaac_camera(data: Mapping[str, Any]) -> tuple[Pose, Pinhole]:
     to_world[3] = 0, 0, 0, 1  # but for rounding
     row = Rows.of_entries([("cameraViewTransform", {"transform_matrix": to_world})])
     (position,), (rotation,) = row.poses("opengl", unit_m)
-    fx, fy = projection[0, 0] * width / 2, projection[1, 1] * height / 2
-    cx, cy = (1 - projection[2, 0]) * width / 2, (1 + projection[2, 1]) * height / 2
-    return Pose(position, rotation), Pinhole(fx, fy, cx, cy, width, height)
+    lens = Pinhole(
+        fx=projection[0, 0] * width / 2,
+        fy=projection[1, 1] * height / 2,
+        cx=(1 - projection[2, 0]) * width / 2,
+        cy=(1 + projection[2, 1]) * height / 2,
+        width=width,
+        height=height,
+    )
+    return Pose(position, rotation), lens

@@ -43,15 +43,16 @@ distortion."""
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Return the path of a name in a file, whose backslashes may be those of Windows."""
-    name = name if "\\" not in name or (folder / name).exists() else name.replace("\\", "/")
+    """Return the path in a ``folder`` of a ``name`` in a file, whose backslashes may be those of Windows."""
+    if "\\" in name and not (folder / name).exists():
+        name = name.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ArgumentError(f"expected a file in the folder, got {shown(name)}")
     return named_file(folder, name)
 
 
 def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
-    """Return the width and height of a picture."""
+    """Return the width and height of a ``picture``, px, which shows a ``mode``."""
     height, width = foreign.read(picture, mode).pixels.shape[:2]
     return width, height
 
@@ -59,33 +60,45 @@ def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
 def words_of(
     columns: Collection[str], axes: str, unit: str | float | None = None, inverse: bool = False
 ) -> Words:
-    """Return what is said of poses in columns."""
+    """Return what is said of poses in columns.
+
+    Args:
+        columns: their names; without those of a matrix or a quaternion they have angles.
+        axes: a name of :func:`omniscv.geometry.trajectory_columns.axes_of`.
+        unit: of positions, a word or metres; None for that of the axes.
+        inverse: whether poses are from the world to the camera.
+    """
     is_angles = not {"m0", "qw"} & {*columns}
-    length = unit if unit is not None else "cm" if axes == "unreal" else "m"
-    metres = 1 / PER_M[length] if isinstance(length, str) else length
+    if unit is None:
+        unit = "cm" if axes == "unreal" else "m"
+    metres = 1 / PER_M[unit] if isinstance(unit, str) else unit
     return Words("body" if is_angles else axes, inverse, metres, quaternions="qw" in columns)
 
 
 @cache
 def poses_in(file: Path, keyed: bool, **options: Any) -> dict[str, Pose | None]:
-    """Return the poses of a file by name, whose letters are composed, or number; see :func:`read_poses`."""
+    """Return the poses of a ``file`` by name, whose letters are composed, or number, if not ``keyed``.
+
+    ``options`` are those of :func:`read_poses`.
+    """
     if not file.exists():
         raise ArgumentError("expected a file of poses, got none")
     poses = read_poses(file, keyed=keyed, **options)
-    composed = {unicodedata.normalize("NFC", name): pose for name, pose in poses.items()}
+    composed = {unicodedata.normalize("NFC", name): poses[name] for name in poses}
     if len(composed) < len(poses):
         raise ArgumentError("expected names that differ in more than composed letters, got others")
     return composed
 
 
 def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
-    """Return the pose of the first of some names that a file has."""
+    """Return the pose of the first of some ``names`` that a ``file`` has; ``options`` as of `poses_in`."""
     with within(file.name):
         poses = poses_in(file, True, **options)
         names = [unicodedata.normalize("NFC", name) for name in names]
-        if (name := next((name for name in names if name in poses), None)) is None:
-            raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
-        return poses[name]
+        for name in names:
+            if name in poses:
+                return poses[name]
+        raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
 
 
 class _Axes(NamedTuple):
@@ -97,8 +110,10 @@ class _Axes(NamedTuple):
 
 
 def frame_of_poses(options: Options) -> _Axes:
-    """Return what the rotations of ``--poses`` turn: the user's word, or ``body`` where they turn by yaw
-    alone; others, which ``body`` and ``camera`` read in two ways, are refused."""
+    """Return what the rotations of ``--poses`` turn: the user's word, or ``body`` if they turn by yaw alone.
+
+    Others, which ``body`` and ``camera`` read in two ways, are refused.
+    """
     if options.poses is None:
         return _Axes("body")
     if options.frame is not None:
@@ -123,7 +138,7 @@ def frame_of_poses(options: Options) -> _Axes:
 
 
 def _angles(pose: Pose) -> str:
-    yaw, pitch, roll = (round(angle, 2) + 0.0 for angle in pose.angles())
+    yaw, pitch, roll = [round(angle, 2) + 0.0 for angle in pose.angles()]  # no negative zero
     return f"yaw {yaw:g}, pitch {pitch:g}, roll {roll:g} (left, up and right side down +)"
 
 
@@ -132,7 +147,7 @@ def _transforms(folder: Path) -> list[dict[str, Any]]:
     from omniscv.calibration.documents import Content  # slow to load
 
     files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
-    documents = list[Any]()
+    documents: list[Any] = []
     for file in files:
         with within(file.name):
             content = Content(read_bytes(file, MOST_JSON_BYTES))
@@ -152,43 +167,82 @@ def _transforms(folder: Path) -> list[dict[str, Any]]:
 
 
 def nerfstudio(folder: Path, options: Options) -> Sequence:
-    """Return the frames of nerfstudio's transforms.json."""
-    from omniscv.calibration.parts import lens_of_frame
+    """Return the frames of nerfstudio's transforms.json.
 
+    ``folder`` is that of the file; ``options`` are of the user.
+    """
     documents = _transforms(folder)
-    entries = [(data, entry) for data in documents for entry in data["frames"]]
+    rows: list[tuple[str, dict[str, Any]]] = []
+    entries: list[tuple[dict[str, Any], dict[str, Any]]] = []  # document and frame
+    for document in documents:
+        for entry in document["frames"]:
+            rows.append((f"frames[{len(rows)}]", {"transform_matrix": entry.get("transform_matrix")}))
+            entries.append((document, entry))
     if not entries:
         raise ArgumentError("transforms.json: expected frames, got an empty list, or no file")
-    matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
-    keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
-    poses = Rows.of_entries(keys).poses("opengl")
-    frames = list[Frame]()
-    lenses = dict[str, Pinhole | Wide | None]()
-    layers = list[foreign.Parts]()
-    for (where, _), (data, entry), *pose in zip(keys, entries, *poses, strict=True):
-        with within(where):
-            lit = inside(folder, text("file_path", entry.get("file_path")))
-            lit = lit if lit.suffix.lower() in foreign.SUFFIXES else lit.with_name(lit.name + ".png")
-            depth, mask = (entry.get(f"{key}_path") for key in ("depth_file", "mask"))
-            depth = depth or entry.get("depth_path")
-            values = lens_of_frame(data, entry)
-            if (known := json.dumps(values)) not in lenses:
-                given = options.intrinsics
-                size = (0, 0) if not given and {"w", "h"} <= values.keys() else size_of(lit)
-                lenses[known] = of_file(given, size) if given else of_values(values, "nerfstudio", size)
-            is_float = depth is None or str(depth).lower().endswith((".npy", ".exr"))
-            unit = "m" if is_float else _depth_unit(values)
-            holds = {"depth": Files(kind="planar" if lenses[known] else "ray", unit=unit)}
-            paths = {"lit": lit} | ({"depth": inside(folder, depth)} if depth else {})
-            hidden = inside(folder, mask) if mask else None
-            paths, parts = with_layers(paths)
-            layers.append(parts)
-            frames.append(Frame(paths, Pose(*pose), lenses[known], holds, hidden))
+    positions, rotations = Rows.of_entries(rows).poses("opengl")
+    reader = _Nerfstudio(folder, options)
+    frames: list[Frame] = []
+    for i, (document, entry) in enumerate(entries):
+        with within(f"frames[{i}]"):
+            frames.append(reader.frame(document, entry, Pose(positions[i], rotations[i])))
+    says: list[str] = []
     masked = sum(frame.mask is not None for frame in frames)
-    says = [f"{masked} frames are black, without label or surface, where masks are 0"] if masked else []
-    says += layer_lines(layers)
-    says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in documents[0]]
+    if masked:
+        says.append(f"{masked} frames are black, without label or surface, where masks are 0")
+    says += layer_lines(reader.layers)
+    for key in ("applied_transform", "applied_scale"):
+        if key in documents[0]:
+            says.append(f"{key} stays")
     return Sequence(frames, says=tuple(says), words=Words("opengl"))
+
+
+class _Nerfstudio:
+    """Reads the frames of a transforms.json; a lens that several frames have is read once.
+
+    Attributes:
+        layers: of each frame, what its file of colours has in layers.
+    """
+
+    def __init__(self, folder: Path, options: Options) -> None:
+        self._folder = folder
+        self._options = options
+        self._lenses: dict[str, Pinhole | Wide | None] = {}
+        self.layers: list[foreign.Parts] = []
+
+    def frame(self, document: Mapping[str, Any], entry: Mapping[str, Any], pose: Pose) -> Frame:
+        """Return the frame of an entry of a document, at a pose."""
+        from omniscv.calibration.parts import lens_of_frame  # slow to load
+
+        lit = inside(self._folder, text("file_path", entry.get("file_path")))
+        if lit.suffix.lower() not in foreign.SUFFIXES:
+            lit = lit.with_name(lit.name + ".png")
+        depth = entry.get("depth_file_path") or entry.get("depth_path")
+        mask = entry.get("mask_path")
+        values = lens_of_frame(document, entry)
+        lens = self._lens(values, lit)
+        is_float = depth is None or str(depth).lower().endswith((".npy", ".exr"))
+        unit = "m" if is_float else _depth_unit(values)
+        paths = {"lit": lit}
+        if depth:
+            paths["depth"] = inside(self._folder, depth)
+        hidden = inside(self._folder, mask) if mask else None
+        paths, parts = with_layers(paths)
+        self.layers.append(parts)
+        holds = {"depth": Files(kind="planar" if lens else "ray", unit=unit)}
+        return Frame(paths, pose, lens, holds, hidden)
+
+    def _lens(self, values: Mapping[str, Any], lit: Path) -> Pinhole | Wide | None:
+        """Return the lens of values, or of the user's file; of the size of the picture if it has none."""
+        key = json.dumps(values)
+        if key not in self._lenses:
+            file = self._options.intrinsics
+            if file:
+                self._lenses[key] = of_file(file, size_of(lit))
+            else:
+                size = (0, 0) if {"w", "h"} <= values.keys() else size_of(lit)
+                self._lenses[key] = of_values(values, "nerfstudio", size)
+        return self._lenses[key]
 
 
 def _depth_unit(values: Mapping[str, Any]) -> str:
@@ -198,35 +252,44 @@ def _depth_unit(values: Mapping[str, Any]) -> str:
 
 
 def tum(folder: Path, options: Options) -> Sequence:
-    """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps."""
+    """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps.
+
+    ``folder`` is that of the sequence; ``options`` are of the user.
+    """
     truth = read_trajectory(folder / "groundtruth.txt")
-    poses = np.array(truth.seconds)
-    (depth_times, depths) = _stamped(folder / "depth.txt")
+    pose_times = np.array(truth.seconds)
+    depth_times, depths = _stamped(folder / "depth.txt")
     times, colors = _stamped(folder / "rgb.txt")
-    start = decode_text(read_bytes(folder / "rgb.txt", MOST_JSON_BYTES), "replace")[:1000]
-    word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
-    lens: Pinhole | Wide | None = None
+    says: list[str] = []
+    lens: Pinhole | Wide | None
     if options.intrinsics:
         lens = of_file(options.intrinsics, size_of(inside(folder, colors[0])))
-    elif word:
-        fx, fy, cx, cy, *bent = _TUM[word]
-        lens = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent))
     else:
-        expected = "expected --intrinsics FILE, a lens file, or a folder of the benchmark's freiburg1, 2 or 3"
-        raise ArgumentError(f"{expected}, whose lens is known; got {shown(folder.name)}")
+        word, lens = _tum_lens(folder)
+        says.append(f"lens of {word}")
     frames = []
     for time, name in zip(times, colors, strict=True):
-        i = np.abs(poses - time).argmin()
-        j = np.abs(depth_times - time).argmin()
-        if abs(poses[i] - time) <= _LATEST_S:
-            paths = {"lit": inside(folder, name)}
-            if abs(depth_times[j] - time) <= _LATEST_S:
-                paths["depth"] = inside(folder, depths[j])
-            frames.append(Frame(paths, truth[int(i)], lens, {"depth": Files(unit="1/5000")}))
-    says = [] if options.intrinsics else [f"lens of {word}"]
+        i = int(np.abs(pose_times - time).argmin())
+        j = int(np.abs(depth_times - time).argmin())
+        if abs(pose_times[i] - time) > _LATEST_S:
+            continue
+        paths = {"lit": inside(folder, name)}
+        if abs(depth_times[j] - time) <= _LATEST_S:
+            paths["depth"] = inside(folder, depths[j])
+        frames.append(Frame(paths, truth[i], lens, {"depth": Files(unit="1/5000")}))
     if late := len(colors) - len(frames):
         says.append(f"{late} pictures left out: no pose within {_LATEST_S} s")
     return Sequence(frames, says=tuple(says), words=Words(quaternions=True))
+
+
+def _tum_lens(folder: Path) -> tuple[str, Pinhole]:
+    """Return the word and the lens of the benchmark's camera that a folder, or its list, is named after."""
+    start = decode_text(read_bytes(folder / "rgb.txt", MOST_JSON_BYTES), "replace")[:1000]
+    for word, (fx, fy, cx, cy, *distortion) in _TUM.items():
+        if word in folder.absolute().name or word in start:
+            return word, Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(distortion))
+    expected = "expected --intrinsics FILE, a lens file, or a folder of the benchmark's freiburg1, 2 or 3"
+    raise ArgumentError(f"{expected}, whose lens is known; got {shown(folder.name)}")
 
 
 def _stamped(file: Path) -> tuple[Array, list[str]]:
@@ -236,13 +299,19 @@ def _stamped(file: Path) -> tuple[Array, list[str]]:
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
         if not rows or {*map(len, rows)} != {2}:
             raise ArgumentError("expected lines of a time and a name, got others or none")
-        return np.array([number("time", time) for time, _ in rows]), [name for _, name in rows]
+        times = []
+        names = []
+        for time, name in rows:
+            times.append(number("time", time))
+            names.append(name)
+        return np.array(times), names
 
 
 def is_panoramas(path: Path) -> bool:
     """Return whether the first picture of colours or masks is twice as wide as high."""
     for file in pictures_in(path):
-        if (mode := mode_of(file, path)[0]) in ("lit", "object_mask"):
+        mode, _ = mode_of(file, path)
+        if mode in ("lit", "object_mask"):
             width, height = size_of(file, mode)
             return width == 2 * height
     return False
@@ -253,44 +322,65 @@ def _places_in(path: Path, options: Options) -> dict[tuple[str, ...], dict[str, 
     places: dict[tuple[str, ...], dict[str, Path]] = {}
     for file in pictures_in(path, options):
         mode, words = mode_of(file, path)
-        if (other := places.setdefault(words, {}).setdefault(mode, file)) != file:
+        other = places.setdefault(words, {}).setdefault(mode, file)
+        if other != file:
             raise ArgumentError(f"expected one of {mode} at a place, got {other.name} and {file.name}")
     return places
 
 
 def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
-    """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file."""
+    """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file.
+
+    Args:
+        path: of a picture, or of a folder of them.
+        options: of the user.
+        of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
+    """
     places = _places_in(path, options)
     lens = None
     if options.intrinsics:
-        files = next(iter(places.values()))
-        lens = of_file(options.intrinsics, size_of(*next((file, mode) for mode, file in files.items())))
-    if options.depth and not options.depth.ray and lens is None:
-        raise ArgumentError("depth: expected ray-UNIT of panoramas, which have no optical axis, got planar")
-    if len(places) > 1 and not options.poses:
-        raise ArgumentError(f"expected --poses FILE, or panoramas of one place, got {len(places)} places")
-    if options.poses and options.pose:
-        raise ArgumentError("expected --poses, or --position and --yaw; got both")
-    frames = list[Frame]()
+        mode, file = next(iter(next(iter(places.values())).items()))
+        lens = of_file(options.intrinsics, size_of(file, mode))
+    _check_panoramas(options, len(places), has_lens=lens is not None)
     axes = frame_of_poses(options)
     if axes.refused and not any("depth" in files for files in places.values()):
         raise ArgumentError(axes.refused)  # with depth, pictures are asked first
-    layers = list[foreign.Parts]()
+    frames: list[Frame] = []
+    layers: list[foreign.Parts] = []
     for words, files in places.items():
         files, parts = with_layers(files)
         layers.append(parts)
-        names = [name for file in files.values() for name in (file.name, file.stem)]
-        pose = options.pose or Pose.from_angles((0, 0, 0))
-        if options.poses:
-            said = {"frame": axes.frame, "unit": options.unit}
-            pose = named_pose(options.poses, [*names, "_".join(words)], **said) or pose
+        pose = _pose_of_place(options, axes.frame, words, files)
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = [] if lens else ["resampled to six faces"]
-    says += [axes.line] if axes.line else []
+    if axes.line:
+        says.append(axes.line)
     says += layer_lines(layers)
     poses = words_of(_columns_in(options), axes.frame, options.unit)
     return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses, refused=axes.refused)
+
+
+def _check_panoramas(options: Options, place_count: int, has_lens: bool) -> None:
+    """Raise ArgumentError for options that do not fit together, or to so many places."""
+    if options.depth and not options.depth.ray and not has_lens:
+        raise ArgumentError("depth: expected ray-UNIT of panoramas, which have no optical axis, got planar")
+    if place_count > 1 and not options.poses:
+        raise ArgumentError(f"expected --poses FILE, or panoramas of one place, got {place_count} places")
+    if options.poses and options.pose:
+        raise ArgumentError("expected --poses, or --position and --yaw; got both")
+
+
+def _pose_of_place(options: Options, axes: str, words: tuple[str, ...], files: Mapping[str, Path]) -> Pose:
+    """Return the pose of pictures that are named by some words: that of the user's file, or of all."""
+    pose = options.pose or Pose.from_angles((0, 0, 0))
+    if not options.poses:
+        return pose
+    names: list[str] = []
+    for file in files.values():
+        names += (file.name, file.stem)
+    names.append("_".join(words))
+    return named_pose(options.poses, names, frame=axes, unit=options.unit) or pose
 
 
 def _columns_in(options: Options) -> Collection[str]:

@@ -20,15 +20,14 @@ Indices = NDArray[np.int64]
 _BINS = 96  # of log depth, for the agreement that chance gives
 _FEW = 6  # pairs that are looked at both ways
 _GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # frames between those of a pair
-# shares of the field of view: the most that a pair turns, and enough
-_OVERLAPS = 0.45
-_TURNED = 0.25
+# How far a pair turns, shares of the field of view:
+_OVERLAPS = 0.45  # at most
+_TURNED = 0.25  # enough
 _MOST_FOV = 2.0  # radians; of a wider picture, no more counts
 _BESIDE = 24  # pairs of a gap that are looked at
 _LEAST_AGREE = 9  # points whose grey is compared
-# grey levels that are noise, of pictures whose median is the other
-_LEAST_SD = 6.0
-_MIDDLE = 100.0
+_MIDDLE = 100.0  # grey level to which the median of a picture is scaled
+_LEAST_SD = 6.0  # grey levels that are noise then
 
 
 @dataclass(frozen=True)
@@ -49,24 +48,44 @@ class PosedPictures:
     def read(
         cls, R: Array, t: Array, read: Callable[[int, int], Shot | None], fov: float, pairs: int, width: int
     ) -> PosedPictures | None:
-        """Return the pictures of pairs of frames that are likely to overlap, so many at most; None where
-        there are none.
+        """Return the pictures of pairs of frames that are likely to overlap; None where there are none.
 
-        ``R, t`` are of all frames, in their order; ``read`` returns a frame's picture of at most so many px
-        width, None if it cannot be read; ``fov`` is in radians, ``width`` in px.
+        Args:
+            R: (N, 3, 3) rotations of all frames, in their order.
+            t: (N, 3) positions of them.
+            read: returns a frame's picture of at most so many px width; None if it cannot be read.
+            fov: field of view of pictures, radians.
+            pairs: so many at most.
+            width: of pictures, px, at most.
         """
         chosen = choose_pairs(R, t, fov, pairs)
-        shots = {i: shot for i in np.unique(chosen).tolist() if (shot := read(i, width)) is not None}
-        sizes = Counter(shot.depth.shape for shot in shots.values()).most_common(1)
-        frames = [i for i, shot in shots.items() if shot.depth.shape == sizes[0][0]]
-        held = [[frames.index(i) for i in pair] for pair in chosen.tolist() if {*pair} <= {*frames}]
-        if not held:
+        shots: dict[int, Shot] = {}  # by frame
+        for frame in np.unique(chosen).tolist():
+            shot = read(frame, width)
+            if shot is not None:
+                shots[frame] = shot
+        shots = _of_one_size(shots)
+        index = {frame: picture for picture, frame in enumerate(shots)}
+        overlapping = []
+        for first, second in chosen.tolist():
+            if first in index and second in index:
+                overlapping.append([index[first], index[second]])
+        if not overlapping:
             return None
-        held += [pair[::-1] for pair in held] if len(held) < _FEW else []
-        depth, greys, lenses = zip(*(shots[frame] for frame in frames), strict=True)
-        grey = None if any(each is None for each in greys) else np.stack(greys)
-        of = np.array([lens or (1, 1, 0, 0) for lens in lenses], np.float64)
-        return cls(np.stack(depth), grey, of, np.array(frames), np.array(held), R, t, lenses[0] is None)
+        if len(overlapping) < _FEW:
+            overlapping += [pair[::-1] for pair in overlapping]
+        greys = [shot.grey for shot in shots.values() if shot.grey is not None]
+        lenses = [shot.lens or (1, 1, 0, 0) for shot in shots.values()]
+        return cls(
+            depth=np.stack([shot.depth for shot in shots.values()]),
+            grey=np.stack(greys) if len(greys) == len(shots) else None,
+            lenses=np.array(lenses, np.float64),
+            frames=np.array(list(shots)),
+            pairs=np.array(overlapping),
+            R=R,
+            t=t,
+            panorama=next(iter(shots.values())).lens is None,
+        )
 
     def agreements(
         self, R: Array, t: Array, how: tuple[int, float, bool], warp: tuple[float, ...] = (1, 1, 0, 0)
@@ -74,7 +93,8 @@ class PosedPictures:
         """Return (P, 2) of pairs the agreement of depth, and the correlation of grey where it agrees.
 
         Args:
-            R, t: rotations (P, 3, 3) and translations (P, 3) from first to second pictures, by :func:`moves`.
+            R: (P, 3, 3) rotations from first to second pictures, by :func:`moves`.
+            t: (P, 3) translations likewise.
             how: points of a pair, the tolerance of log depth, and whether depth is along the ray.
             warp: scale across and down about the middle, and px across and down, of colours beside depth.
         """
@@ -83,30 +103,40 @@ class PosedPictures:
             height, width = self.depth.shape[1:]
             first = self.pairs[:, :1]
             random = np.random.default_rng(count)
-            shape = len(first), count
-            v, u = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
+            shape = (len(first), count)
+            v = random.integers(2, height - 2, shape)
+            u = random.integers(2, width - 2, shape)
             values = np.stack([self.depth[first, v, u], u + 0.5, v + 0.5], axis=-1)
             self._points[count] = np.concatenate([self.rays(first[:, 0], u + 0.5, v + 0.5), values], axis=-1)
         grey = self.depth if self.grey is None else self.grey
         pictures = (self.lenses, self.depth, grey)
         motion = np.concatenate([R, t[..., None]], axis=-1)
-        told = self.panorama, *map(float, (*flags, *warp))
+        kernel_how = (self.panorama, *map(float, (*flags, *warp)))
         result = np.zeros((len(self.pairs), 2))
-        agreement(self._points[count], motion, self.pairs, *pictures, told, result)
+        agreement(self._points[count], motion, self.pairs, *pictures, kernel_how, result)
         return result
 
     def rays(self, pictures: Indices, u: NDArray[Any], v: NDArray[Any]) -> Array:
-        """Return unit rays of pixels (P, n) of pictures (P,), camera frame."""
+        """Return unit rays (P, n, 3), camera frame, of pixels ``u``, ``v`` (P, n) of ``pictures`` (P,)."""
         if self.panorama:
             height, width = self.depth.shape[1:]
             theta = (2 * u / width - 1) * np.pi
             phi = (0.5 - v / height) * np.pi
             return np.stack([np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1)
+        rays = np.zeros((*u.shape, 3))
         pixels = np.stack([u, v], axis=-1)
-        lenses = self.lenses[pictures].tolist()
-        of = [pinhole.rays(px, pinhole.Projection(*lens)) for px, lens in zip(pixels, lenses, strict=True)]
-        rays = np.stack(of)
+        for index, lens in enumerate(self.lenses[pictures].tolist()):
+            rays[index] = pinhole.rays(pixels[index], pinhole.Projection(*lens))
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def _of_one_size(shots: dict[int, Shot]) -> dict[int, Shot]:
+    """Return the pictures of the most frequent size, by frame."""
+    sizes = Counter(shot.depth.shape for shot in shots.values())
+    if not sizes:
+        return {}
+    ((size, _),) = sizes.most_common(1)
+    return {frame: shots[frame] for frame in shots if shots[frame].depth.shape == size}
 
 
 class Shot(NamedTuple):
@@ -118,13 +148,18 @@ class Shot(NamedTuple):
 
     @classmethod
     def of(cls, depth: NDArray[Any], lit: NDArray[Any] | None, lens: Any, most: int) -> Shot:
-        """Return the shot of depth and colours (H, W), every k-th pixel of them, k odd, to a width at most.
+        """Return the shot of depth and colours, every k-th pixel of them, k odd.
 
-        ``lens`` has fx, fy, cx and cy of the depth's size; colours of another size are resized.
+        Args:
+            depth: (H, W).
+            lit: (H, W, 3) colours; of another size they are resized. None without.
+            lens: with fx, fy, cx and cy of the depth's size; None for a panorama.
+            most: px of the shot's width.
         """
         height, width = depth.shape
         k = max(1, -(-width // most)) | 1
-        rows, columns = height // k, width // k
+        rows = height // k
+        columns = width // k
         cut = depth[k // 2 : rows * k : k, k // 2 : columns * k : k]
         near = np.where(np.isfinite(cut) & (cut > 0), cut, 0)
         if lit is not None:
@@ -147,13 +182,16 @@ def local_contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
-    """Return (P, 2) pairs, so many at most, of frames that turn and move, but see the same.
+    """Return (P, 2) pairs, so many (``most``) at most, of frames that turn and move, but see the same.
 
-    Said are rotations and positions, whose convention may be wrong, which leaves angles between rotations;
-    and the field of view in radians.
+    Args:
+        R: (N, 3, 3) rotations as said. Their convention may be wrong, which leaves angles between them.
+        t: (N, 3) positions as said.
+        fov: field of view, radians.
+        most: pairs.
     """
     count = len(R)
-    rows = list[Indices]()
+    rows: list[Indices] = []
     for gap in range(1, count) if count <= _BESIDE else _GAPS:
         first = np.arange(0, count - gap, max(1, (count - gap) // _BESIDE))
         rows.append(np.stack([first, first + gap], axis=1))
@@ -176,7 +214,10 @@ def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
 
 
 def moves(R: Array, t: Array, pairs: Indices) -> tuple[Array, Array]:
-    """Return rotations (P, 3, 3) and translations (P, 3) from the first camera of pairs to the second."""
+    """Return rotations (P, 3, 3) and translations (P, 3) from the first camera of ``pairs`` to the second.
+
+    ``R`` (N, 3, 3) and ``t`` (N, 3) are the poses of all pictures.
+    """
     a, b = pairs.T
     return R[b].swapaxes(1, 2) @ R[a], np.einsum("pji,pj->pi", R[b], t[a] - t[b])
 

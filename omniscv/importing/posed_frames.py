@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -49,20 +50,35 @@ _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 
 
 def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return a number, or a list of some, as a tuple; texts may be hexadecimal."""
-    items = value if isinstance(value, list | tuple) else [value]
-    return tuple(int(v, 16) if isinstance(v, str) and _HEX.fullmatch(v) else number(name, v) for v in items)
+    """Return ``value``, a number or a list of some, as a tuple; texts may be hexadecimal.
+
+    ``name`` is what messages call it.
+    """
+    values: list[float] = []
+    for item in value if isinstance(value, list | tuple) else [value]:
+        if isinstance(item, str) and _HEX.fullmatch(item):
+            values.append(int(item, 16))
+        else:
+            values.append(number(name, item))
+    return tuple(values)
 
 
 def missing_numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return the finite ones of some numbers: no others are a surface anyway."""
-    items = value if isinstance(value, list | tuple) else [value]
-    finite = [item for item in items if str(item).lower().strip("+-.") not in ("nan", "inf")]
+    """Return the finite ones of a ``value`` as of :func:`listed_numbers`: no others are a surface anyway.
+
+    ``name`` is what messages call it.
+    """
+    finite = []
+    for item in value if isinstance(value, list | tuple) else [value]:
+        if str(item).lower().strip("+-.") not in ("nan", "inf"):
+            finite.append(item)
     return listed_numbers(name, finite)
 
 
 def _form(name: str, value: Any) -> DepthForm | None:
-    return value if isinstance(value, DepthForm) else DepthForm.parse(text(name, value)) if value else None
+    if isinstance(value, DepthForm):
+        return value
+    return DepthForm.parse(text(name, value)) if value else None
 
 
 @record(eq=False)
@@ -166,15 +182,18 @@ class Sequence:
     @property
     def modes(self) -> Counter[str]:
         """Number of pictures by mode."""
-        return Counter(mode for frame in self.frames for mode in frame.files)
+        return Counter(chain(*(frame.files for frame in self.frames)))
 
     def lines(self) -> tuple[str, ...]:
         """Return what was found, for people."""
+        modes = self.modes
         places = len({tuple(frame.pose.position) for frame in self.frames})
-        counts = ", ".join(f"{count} of {mode}" for mode, count in self.modes.items())
+        counts = ", ".join(f"{modes[mode]} of {mode}" for mode in modes)
+        lines = [f"layout {self.layout}: {places} place{'' if places == 1 else 's'}, {counts}", *self.says]
         bent = sum(frame.lens is not None and frame.lens.is_bent for frame in self.frames)
-        says = [f"{bent} frames resampled to flat pictures without distortion"] if bent else []
-        return (f"layout {self.layout}: {places} place{'s' * (places != 1)}, {counts}", *self.says, *says)
+        if bent:
+            lines.append(f"{bent} frames resampled to flat pictures without distortion")
+        return tuple(lines)
 
     def captures(self) -> Iterator[Capture]:
         """Yield the captures; ArgumentError names the picture that cannot be read."""
@@ -192,7 +211,11 @@ class Sequence:
         return self.options.depth or frame.holds.get("depth", Files()).form
 
     def picture(self, frame: Frame, mode: str) -> Picture:
-        """Return a picture of a frame as it is said to be; ArgumentError if it cannot be read."""
+        """Return the picture of a ``frame`` in a ``mode`` as it is said to be.
+
+        Raises:
+            ArgumentError: it cannot be read.
+        """
         file = frame.files[mode]
         holds = frame.holds.get(mode, Files())
         if not file.exists():
@@ -237,7 +260,8 @@ class Sequence:
         colors = self._for_mean(picture.pixels, mode)
         pixels, flat = straight(colors, lens, mode, picture.steps_m)
         if mode == "depth":
-            pixels, picture = pixels[..., 0], picture._replace(error=pixels[..., 1])
+            picture = picture._replace(error=pixels[..., 1])
+            pixels = pixels[..., 0]
         yield flat.view(pose), picture.converted(self._as_stored(pixels, picture.pixels))
 
     def _for_mean(self, pixels: Pixels, mode: str) -> Pixels:
@@ -255,7 +279,14 @@ class Sequence:
 
 
 def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:
-    """Return a picture as the user says that it is; what is clipped is counted."""
+    """Return a picture as the user says that it is; what is clipped is counted.
+
+    Args:
+        file: of the picture.
+        mode: what it shows.
+        options: of the user, which note what was done.
+        form: what the numbers of depth are.
+    """
     missing = form.missing + options.missing
     as_codes = options.transfer is not None
     picture = read_picture(file, mode, form._replace(missing=missing), options.clip, as_codes)
@@ -296,8 +327,17 @@ def _of_ids(picture: Picture, holds: Files) -> Picture:
 
 
 def as_named(picture: Picture, file: Path, table: ObjectTable, options: Options) -> Picture:
-    """Return a mask as a list of its objects has them: of a list by id the indices of a palette, or grey;
-    ArgumentError for colours beside ids, and ids beside colours."""
+    """Return a mask as a list of its objects has them: of a list by id the indices of a palette, or grey.
+
+    Args:
+        picture: the mask.
+        file: of it.
+        table: the objects.
+        options: of the user, which note what was done.
+
+    Raises:
+        ArgumentError: colours beside a list of ids, or ids beside one of colours.
+    """
     pixels = picture.pixels
     if table.ids and pixels.ndim == 3:
         indices = foreign.palette_indices(file)
@@ -325,17 +365,37 @@ def capture_of(
 ) -> Capture:
     """Return the capture of a picture: as its file has it where a codec decodes that, else lossless.
 
-    ``ray`` is whether depth (h, w) is along the ray; depth (h, w, 2) is planar, and has its error.
-    ``transfer`` is that of codes, sRGB if not given.
+    Args:
+        picture: depth may be (h, w), or (h, w, 2) with its error.
+        mode: what it shows.
+        view: from where.
+        provenance: of the capture.
+        ray: whether depth (h, w) is along the ray; depth (h, w, 2) is planar.
+        transfer: of codes; None for sRGB.
     """
     if mode == "lit" and picture.pixels.dtype.kind == "u":
         provenance = {**provenance, "transfer": transfer or "srgb"}
-    pixels = picture.pixels
     request = Request(view, mode)
-    encoding_of_depth = codecs.BOUNDED if pixels.ndim == 2 else codecs.RESAMPLED
     if picture.encoding:
-        return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
-    if mode == "depth" and pixels.ndim == 2:
+        return Capture(request, view, picture.pixels, provenance, picture.payload, picture.encoding)
+    if mode == "depth":
+        return _capture_of_depth(picture, request, provenance, ray)
+    pixels = picture.pixels
+    if mode == "lit" and pixels.dtype == np.uint16:
+        pixels = pictures.as_8_bits(pixels)
+    payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
+    return Capture(request, view, pixels, provenance, payload, encoding)
+
+
+def _capture_of_depth(
+    picture: Picture, request: Request, provenance: Mapping[str, Any], ray: bool
+) -> Capture:
+    """Return the capture of depth, with its error where that is known; see :func:`capture_of`."""
+    view = request.view
+    pixels = picture.pixels
+    encoding_with_error = codecs.RESAMPLED
+    if pixels.ndim == 2:
+        encoding_with_error = codecs.BOUNDED
         lengths = view.ray_lengths()
         error = picture.error
         if error is None and picture.half_m and view.lens is None:
@@ -344,19 +404,21 @@ def capture_of(
             error = np.where(pixels < np.inf, picture.steps_m / 2, np.inf)
         pixels = np.asarray(pixels / lengths if ray else pixels, np.float32)
         if error is not None:
-            pixels = np.stack([pixels, np.asarray(error if ray else error * lengths, np.float32)], axis=-1)
-    if mode == "lit" and pixels.dtype == np.uint16:
-        pixels = pictures.as_8_bits(pixels)
+            error_along_ray = np.asarray(error if ray else error * lengths, np.float32)
+            pixels = np.stack([pixels, error_along_ray], axis=-1)
     payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
-    if mode == "depth" and pixels.ndim == 3:
-        return Capture(request, view, pixels[..., 0], provenance, payload, encoding_of_depth)
+    if pixels.ndim == 3:
+        return Capture(request, view, pixels[..., 0], provenance, payload, encoding_with_error)
     return Capture(request, view, pixels, provenance, payload, encoding)
 
 
 def files_in(folder: Path, options: Options | None = None) -> list[Path]:
-    """Return the files in a folder and those in it, sorted; of hidden names, and in hidden folders or those
-    of thumbnails, the pictures are noted in ``options`` as skipped."""
-    kept = list[Path]()
+    """Return the files in a folder and those in it, sorted.
+
+    Those of hidden names, and in hidden folders or those of thumbnails, are left out; pictures among them are
+    noted in ``options`` as skipped.
+    """
+    kept: list[Path] = []
     for file in sorted(folder.rglob("*")):
         parts = file.relative_to(folder).parts
         above = [part for part in parts[:-1] if part.startswith(".") or part.lower() in _THUMBNAILS]
@@ -378,19 +440,24 @@ def skipped_lines(options: Options) -> list[str]:
 
 
 def pictures_in(path: Path, options: Options | None = None) -> list[Path]:
-    """Return the pictures in a folder, sorted, or the one that the path is."""
+    """Return the pictures in the folder ``path``, sorted, or the one that it is.
+
+    Pictures that are skipped are noted in ``options``; ArgumentError if there are none.
+    """
     files = files_in(path, options) if path.is_dir() else [path]
-    found = [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
-    if not found:
+    pictures = [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
+    if not pictures:
         others = ", ".join(shown(file.name) for file in files[:8])
-        got = f"none; cannot read {others}" if others else "none"
-        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
-    return found
+        actual = f"none; cannot read {others}" if others else "none"
+        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {actual}")
+    return pictures
 
 
 def with_layers(files: dict[str, Path]) -> tuple[dict[str, Path], foreign.Parts]:
-    """Return the files of a place by mode, with the depth and ids that a file of colours has in layers, and
-    what it has."""
+    """Return the files of a place by mode, and what the file of colours has in layers.
+
+    That file is also that of the modes whose layers it has, if they have no file of their own.
+    """
     if "lit" not in files:
         return files, foreign.Parts()
     parts = foreign.parts_of(files["lit"])
@@ -399,14 +466,14 @@ def with_layers(files: dict[str, Path]) -> tuple[dict[str, Path], foreign.Parts]
 
 def layer_lines(parts: Iterable[foreign.Parts]) -> list[str]:
     """Return what was taken of files with several layers, and what was not, for people."""
-    found = Counter[str]()
-    lost = dict[str, None]()
-    for each in parts:
-        found.update(each.kinds)
-        lost |= dict.fromkeys(each.others)
-    lines = [f"{count} of {kind} are layers of the files of colours" for kind, count in found.items()]
-    if lost:
-        names = ", ".join(lost)
+    counts: Counter[str] = Counter()  # by mode
+    others: dict[str, None] = {}
+    for parts_of_file in parts:
+        counts.update(parts_of_file.kinds)
+        others |= dict.fromkeys(parts_of_file.others)
+    lines = [f"{counts[mode]} of {mode} are layers of the files of colours" for mode in counts]
+    if others:
+        names = ", ".join(others)
         line = f"layers that are not taken: {names}"
         if "crypto" in names.lower():
             line += "; masks are taken of IndexOB, Blender's pass Object Index"
@@ -415,23 +482,31 @@ def layer_lines(parts: Iterable[foreign.Parts]) -> list[str]:
 
 
 def mode_of(file: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Return what a picture shows, by the words of its name and folders, and the other words."""
+    """Return what a picture shows, by the words of its name and folders, and the other words.
+
+    ``file`` is the picture; its words are those below ``folder``, or those of its name if both are one.
+    """
     name = file.relative_to(folder) if file != folder else Path(file.name)
     stem = unicodedata.normalize("NFC", str(name.with_suffix(""))).lower()
-    parts = [part for part in re.split(r"(?:[^\w+-]|_)+", stem) if part]
-    words = [word for part in parts for word in _of_numbered(part)]
-    mode = next((mode for mode, known in MODE_WORDS.items() if known & {*words}), "lit")
-    return mode, tuple(word for word in words if not any(word in known for known in MODE_WORDS.values()))
-
-
-def _of_numbered(part: str) -> tuple[str, ...]:
-    match = _NUMBERED.fullmatch(part)
-    return (match[1], match[2]) if match else (part,)
+    words: list[str] = []
+    for part in re.split(r"(?:[^\w+-]|_)+", stem):
+        match = _NUMBERED.fullmatch(part)
+        if match:
+            words += (match[1], match[2])
+        elif part:
+            words.append(part)
+    shown_mode = "lit"
+    for mode, known in MODE_WORDS.items():
+        if not known.isdisjoint(words):
+            shown_mode = mode
+            break
+    of_modes = set().union(*MODE_WORDS.values())
+    return shown_mode, tuple(word for word in words if word not in of_modes)
 
 
 def _of_isaac(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the colours or ids of objects by name, of Isaac's lists of names by ``(r, g, b, a)`` or id."""
-    values = dict[str, Any]()
+    values: dict[str, Any] = {}
     for key, value in data.items():
         name = value["class"] if isinstance(value, dict) else value
         if name in ("BACKGROUND", "UNLABELLED"):
@@ -449,16 +524,25 @@ def objects_of(file: Path) -> ObjectTable:
     with within(file.name):
         data = parse_json(read_bytes(file, MOST_JSON_BYTES))
         try:
-            if isinstance(data, list):
-                data = {name: i for i, name in enumerate(data)}
-            data = data.get("name_map", data)
-            if any(_RGBA.fullmatch(key) or isinstance(value, dict) for key, value in data.items()):
-                data = _of_isaac(data)
-            if all(isinstance(name, str) for name in data.values()):
-                data = {name: int(i) for i, name in data.items()}
-            if all(isinstance(value, list) for value in data.values()):
-                colors = {text("name", key): bytes(rgb) for key, rgb in data.items()}
-                return ObjectTable({name: (r, g, b) for name, (r, g, b) in colors.items()})
-            return ObjectTable({}, 0, {text("name", name): int(i) for name, i in data.items()})
+            return _table_of(data)
         except (TypeError, ValueError, AttributeError, OverflowError) as cause:
             raise ArgumentError(f"expected names of ids, got: {shown(str(cause))}") from cause
+
+
+def _table_of(data: Any) -> ObjectTable:
+    """Return the objects that the data of a file name; errors of Python for data of another form."""
+    if isinstance(data, list):
+        data = {name: i for i, name in enumerate(data)}
+    data = data.get("name_map", data)
+    if any(_RGBA.fullmatch(key) or isinstance(data[key], dict) for key in data):
+        data = _of_isaac(data)
+    if all(isinstance(name, str) for name in data.values()):
+        data = {data[i]: int(i) for i in data}
+    if all(isinstance(value, list) for value in data.values()):
+        colors = {}
+        for key in data:
+            name = text("name", key)
+            red, green, blue = bytes(data[key])
+            colors[name] = (red, green, blue)
+        return ObjectTable(colors)
+    return ObjectTable({}, 0, {text("name", name): int(data[name]) for name in data})

@@ -7,7 +7,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -75,12 +75,15 @@ _LAYOUTS = Path(__file__).with_name("layouts.yaml")
 
 
 def _files(name: str, value: Any, keys: tuple[str, ...] = ()) -> Any:
-    given = {"file": value} if isinstance(value, str) else value
-    return given if isinstance(given, Files) else read(Files, mapping(name, given, ("file", *keys)), name)
+    if isinstance(value, Files):
+        return value
+    data = {"file": value} if isinstance(value, str) else value
+    return read(Files, mapping(name, data, ("file", *keys)), name)
 
 
 def _axes(name: str, value: Any) -> str:
-    if set(axes := text(name, value)) & {*"+-"}:
+    axes = text(name, value)
+    if set(axes) & {*"+-"}:
         axes_of(axes)
     else:
         one_of(name, axes, (*FRAMES, "povray"))
@@ -104,10 +107,10 @@ class _Poses:
 
     def check(self) -> None:
         """Raise ArgumentError for keys that act on files of another form."""
-        given = {"rotation": self.rotation, "matrix": self.matrix}
-        if idle := next((key for key, value in given.items() if value and not self.position), None):
-            advice = "of a row of numbers the names of its columns say what is a rotation"
-            raise ArgumentError(f"poses.{idle}: expected it beside position only, of JSON; {advice}")
+        advice = "of a row of numbers the names of its columns say what is a rotation"
+        for key, value in (("rotation", self.rotation), ("matrix", self.matrix)):
+            if value and not self.position:
+                raise ArgumentError(f"poses.{key}: expected it beside position only, of JSON; {advice}")
         if self.row and self.position:
             raise ArgumentError("poses.row: expected none beside position: JSON has the pose of one frame")
 
@@ -135,13 +138,16 @@ class Layout:
 @cache
 def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
     """Return, by layout, the pattern of a file by which it is found, and its reader."""
-    rows = {name: read(Layout, data, name) for name, data in parse_yaml(read_text(_LAYOUTS)).items()}
+    rows = {}
+    for name, data in parse_yaml(read_text(_LAYOUTS)).items():
+        rows[name] = read(Layout, data, name)
     rows["tartanair"] = replace(rows["tartanground"], found="image_?cam_front")
-    finders: dict[str, Any] = {
-        name: (row.found, partial(_of_layout, layout=row)) for name, row in rows.items()
-    }
-    finders |= {"nerfstudio": ("transforms*.json", nerfstudio), "tum": ("rgb.txt", tum)}
+    finders: dict[str, tuple[str, Callable[[Path, Options], Sequence]]] = {}
+    for name, layout in rows.items():
+        finders[name] = (layout.found, partial(_of_layout, layout=layout))
     finders |= {
+        "nerfstudio": ("transforms*.json", nerfstudio),
+        "tum": ("rgb.txt", tum),
         "gaussian-splatting": ("cameras.json", listed_cameras.gaussian_splatting),
         "llff": ("poses_bounds.npy", listed_cameras.llff),
         "arkitscenes": ("*.traj", listed_cameras.arkit_scenes),
@@ -149,7 +155,9 @@ def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
         "hypersim": ("_detail/metadata_scene.csv", listed_cameras.hypersim),
         "isaac": ("**/camera_params_*.json", listed_cameras.isaac),
     }
-    return finders | {name: ("", partial(panoramas, of_openexr=kind)) for name, kind in PANORAMAS.items()}
+    for name, of_openexr in PANORAMAS.items():
+        finders[name] = ("", partial(panoramas, of_openexr=of_openexr))
+    return finders
 
 
 def sequences() -> tuple[str, ...]:
@@ -160,39 +168,57 @@ def sequences() -> tuple[str, ...]:
 def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
     """Return the frames of a folder, or of one panorama; None where it is none of these layouts.
 
-    ``layout`` is one of :func:`sequences`, ``auto`` for what lies there, or a file ``.yaml`` of a layout.
-    Raises ArgumentError for files without poses, or poses that contradict each other.
+    Args:
+        path: of the folder, or of the panorama.
+        layout: one of :func:`sequences`, ``auto`` for what lies there, or a file ``.yaml`` of a layout.
+        options: of the user.
+
+    Raises:
+        ArgumentError: files without poses, or poses that contradict each other.
     """
     poses_in.cache_clear()  # files may have changed since the last import
-    find: Any = None
     if layout.endswith((".yaml", ".yml")):
         with within(layout):
             data = decode_text(read_bytes(Path(layout), MOST_JSON_BYTES))
-            find = partial(_of_layout, layout=read(Layout, parse_yaml(data)), strict=True)
+            find: Any = partial(_of_layout, layout=read(Layout, parse_yaml(data)), strict=True)
         layout = Path(layout).stem
-    elif layout == "auto":
-        there = (name for name, (found, _) in _finders().items() if found and any(path.glob(found)))
-        layout = next(there, "")
-        if not layout and options.intrinsics:
-            layout = "pinhole"
-        elif not layout and is_panoramas(path):
-            layout = "latlong"
-    if find is None and layout not in _finders():
-        return None
+    else:
+        if layout == "auto":
+            layout = _layout_of(path, options)
+        if layout not in _finders():
+            return None
+        _, find = _finders()[layout]
     try:
-        sequence = (find or _finders()[layout][1])(path, options)
+        sequence: Sequence = find(path, options)
     except ArgumentError:
         raise
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, OSError, re.error) as cause:
-        got = f"{type(cause).__name__} {shown(str(cause))}"
-        raise ArgumentError(f"expected a folder of layout {layout}, got {got}") from cause
+        actual = f"{type(cause).__name__} {shown(str(cause))}"
+        raise ArgumentError(f"expected a folder of layout {layout}, got {actual}") from cause
     if not sequence.modes:
         raise ArgumentError(f"expected pictures of layout {layout}, got none")
-    said = {"position or yaw": options.pose, "poses": options.poses, "mirrored": options.mirrored}
-    if given := [name for name, value in said.items() if value and layout not in PANORAMAS]:
-        raise ArgumentError(f"{given[0]}: expected none, because layout {layout} says it")
+    if layout not in PANORAMAS:
+        _check_unposed(options, layout)
     _share_places(sequence.frames)
     return replace(sequence, layout=layout, options=options)
+
+
+def _layout_of(path: Path, options: Options) -> str:
+    """Return the layout of what lies at a path; empty if it is none that is known."""
+    for name, (found, _) in _finders().items():
+        if found and any(path.glob(found)):
+            return name
+    if options.intrinsics:
+        return "pinhole"
+    return "latlong" if is_panoramas(path) else ""
+
+
+def _check_unposed(options: Options, layout: str) -> None:
+    """Raise ArgumentError for options that say what a layout says."""
+    said = {"position or yaw": options.pose, "poses": options.poses, "mirrored": options.mirrored}
+    for name, value in said.items():
+        if value:
+            raise ArgumentError(f"{name}: expected none, because layout {layout} says it")
 
 
 def _share_places(frames: list[Frame]) -> None:
@@ -200,94 +226,161 @@ def _share_places(frames: list[Frame]) -> None:
     positions = np.array([frame.pose.position for frame in frames])
     owner = list(range(len(frames)))
     for i, near in enumerate(KDTree(positions).query_ball_point(positions, _SAME_PLACE_M)):
-        owner[i] = min((j for j in near if j < i and owner[j] == j), default=i)
+        for j in sorted(near):
+            if j < i and owner[j] == j:
+                owner[i] = j
+                break
     for frame, j in zip(frames, owner, strict=True):
         frame.pose = Pose(positions[j], frame.pose.R_w_c)
 
 
 def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = False) -> Sequence:
     """Return the frames of a layout that is data; ``strict``: each mode must have files."""
-    if layout.poses:
-        layout.poses.check()
-    is_pinhole = layout.pictures == "pinhole"
-    is_posed = bool(layout.poses) != (layout.position is not None)
-    if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
-        expected = "expected poses or a position, and intrinsics of pinhole pictures only"
-        raise ArgumentError(f"{expected}; got none, or too many")
-    lens: Pinhole | Wide | None = lenses.FACE if layout.pictures == "faces" else None
-    center = np.zeros(3)
-    files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
-    holds = {mode: form for mode, form in files.items() if form}
-    pattern = f"(?:.*/)??(?:{layout.place})"
-    frames = dict[tuple[str, ...], Frame]()
-    unposed = 0
-    table_name = layout.object_mask.names if layout.object_mask else ""
-    names = [file.relative_to(folder).as_posix() for file in files_in(folder, options)]
+    reader = _LayoutReader(folder, options, layout)
     if strict:
-        idle = {"found": layout.found, "faces": layout.faces and layout.pictures != "faces"}
-        if given := next((key for key, value in idle.items() if value), None):
-            raise ArgumentError(f"{given}: expected no key that acts on nothing, got {shown(idle[given])}")
-        _check_time(pattern, names)
-    for match in map(re.compile(pattern).fullmatch, names):
-        if match is None or match.groups() in frames:
-            continue
-        paths = {mode: _filled(folder, form.file, match) for mode, form in holds.items()}
-        paths = {mode: path for mode, path in paths.items() if path.exists()}
-        pose = _pose(folder, layout, match) if paths else None
-        unposed += bool(paths) and pose is None
-        if pose is not None:
-            if is_pinhole and lens is None:
-                size = size_of(*next((file, mode) for mode, file in paths.items()))
-                if options.intrinsics:
-                    lens = lenses.of_file(options.intrinsics, size)
-                else:
-                    lens, center = lenses.of_layout(layout.intrinsics, folder, size)
-            pose = Pose(pose.position + pose.R_w_c @ center, pose.R_w_c)
-            listed = _filled(folder, table_name, match) if "{" in table_name else None
-            if listed and "object_mask" in paths and not listed.exists():
-                raise ArgumentError(f"names: expected a list of objects for each mask, got no {listed.name}")
-            frames[match.groups()] = Frame(paths, pose, lens, holds, names=listed)
+        _check_idle_keys(layout)
+        _check_time(reader.pattern, reader.names)
+    frames = reader.frames()
     says = [layout.says] if layout.says else []
-    if layout.level and any(np.array_equal(frame.pose.R_w_c, R_LEVEL) for frame in frames.values()):
+    if layout.level and any(np.array_equal(frame.pose.R_w_c, R_LEVEL) for frame in frames):
         says.append(layout.level)
-    if layout.unused and (others := sum(1 for _ in folder.glob(layout.unused))):
+    others = len(list(folder.glob(layout.unused))) if layout.unused else 0
+    if others:
         says.append(f"{others} {Path(layout.unused).name} are not taken: masks are the instances")
-    says += [f"{unposed} frames left out: their poses are not finite"] if unposed else []
-    for mode, form in holds.items() if strict and frames else ():
-        if lacking := sum(mode not in frame.files for frame in frames.values()):
-            says.append(f"{mode}: {lacking} of {len(frames)} frames have none")
+    if reader.unposed:
+        says.append(f"{reader.unposed} frames left out: their poses are not finite")
+    if strict and frames:
+        says += _lacking_modes(frames, reader.forms)
+    return Sequence(frames, reader.objects(frames), tuple(says), words=reader.words())
+
+
+def _check_idle_keys(layout: Layout) -> None:
+    """Raise ArgumentError for keys of the user's layout that act on nothing."""
+    idle = {"found": layout.found, "faces": layout.faces and layout.pictures != "faces"}
+    for key, value in idle.items():
+        if value:
+            raise ArgumentError(f"{key}: expected no key that acts on nothing, got {shown(value)}")
+
+
+def _lacking_modes(frames: Collection[Frame], forms: Mapping[str, Files]) -> Iterator[str]:
+    """Yield a line for each mode that frames lack; ArgumentError for one that none has."""
+    for mode, form in forms.items():
+        lacking = sum(mode not in frame.files for frame in frames)
         if lacking == len(frames):
             raise ArgumentError(f"{mode}: expected files {form.file}, got none")
-    if "{" in table_name:
-        table = _all_objects(frames.values())
-        return Sequence([*frames.values()], table, tuple(says), words=_words(folder, layout, pattern, names))
-    above = (folder, *folder.absolute().parents[:2])
-    near = [at / table_name for place in above for at in (place, place / "assets")] if table_name else []
-    table = next((objects_of(file) for file in near if file.exists()), ObjectTable({}))
-    words = _words(folder, layout, pattern, names)
-    return Sequence([*frames.values()], table, tuple(says), words=words)
+        if lacking:
+            yield f"{mode}: {lacking} of {len(frames)} frames have none"
+
+
+class _LayoutReader:
+    """Reads the frames of a folder by a layout.
+
+    Attributes:
+        forms: by mode, the names of its files and what they hold.
+        pattern: of the names of pictures, with groups that say which frame they are of.
+        names: of all files in the folder.
+        unposed: how many frames were left out, because their poses are not finite.
+
+    Raises:
+        ArgumentError: the layout's keys do not fit together, or with the user's options.
+    """
+
+    def __init__(self, folder: Path, options: Options, layout: Layout) -> None:
+        if layout.poses:
+            layout.poses.check()
+        is_posed = bool(layout.poses) != (layout.position is not None)
+        is_pinhole = layout.pictures == "pinhole"
+        if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
+            expected = "expected poses or a position, and intrinsics of pinhole pictures only"
+            raise ArgumentError(f"{expected}; got none, or too many")
+        self._folder = folder
+        self._options = options
+        self._layout = layout
+        self._table_name = layout.object_mask.names if layout.object_mask else ""
+        self._lens: Pinhole | Wide | None = lenses.FACE if layout.pictures == "faces" else None
+        self._center = np.zeros(3)  # of the lens, in the frame of poses
+        self.forms: dict[str, Files] = {}
+        for mode, form in (("lit", layout.lit), ("depth", layout.depth), ("object_mask", layout.object_mask)):
+            if form:
+                self.forms[mode] = form
+        self.pattern = f"(?:.*/)??(?:{layout.place})"
+        self.names = [file.relative_to(folder).as_posix() for file in files_in(folder, options)]
+        self.unposed = 0
+
+    def frames(self) -> list[Frame]:
+        """Return the frames, in the order of their first files."""
+        frames: dict[tuple[str, ...], Frame] = {}
+        for match in map(re.compile(self.pattern).fullmatch, self.names):
+            if match is None or match.groups() in frames:
+                continue
+            frame = self._frame(match)
+            if frame is not None:
+                frames[match.groups()] = frame
+        return list(frames.values())
+
+    def _frame(self, match: re.Match[str]) -> Frame | None:
+        """Return the frame that a file belongs to; None without pictures, or a pose."""
+        paths = {}
+        for mode, form in self.forms.items():
+            path = _filled(self._folder, form.file, match)
+            if path.exists():
+                paths[mode] = path
+        if not paths:
+            return None
+        pose = _pose(self._folder, self._layout, match)
+        if pose is None:
+            self.unposed += 1
+            return None
+        if self._layout.pictures == "pinhole" and self._lens is None:
+            self._read_lens(paths)
+        pose = Pose(pose.position + pose.R_w_c @ self._center, pose.R_w_c)
+        listed = _filled(self._folder, self._table_name, match) if "{" in self._table_name else None
+        if listed and "object_mask" in paths and not listed.exists():
+            raise ArgumentError(f"names: expected a list of objects for each mask, got no {listed.name}")
+        return Frame(paths, pose, self._lens, self.forms, names=listed)
+
+    def _read_lens(self, paths: Mapping[str, Path]) -> None:
+        """Read the lens of all frames, for pictures of the size of the first."""
+        mode, file = next(iter(paths.items()))
+        size = size_of(file, mode)
+        if self._options.intrinsics:
+            self._lens = lenses.of_file(self._options.intrinsics, size)
+        else:
+            self._lens, self._center = lenses.of_layout(self._layout.intrinsics, self._folder, size)
+
+    def objects(self, frames: Iterable[Frame]) -> ObjectTable:
+        """Return the objects that masks show: those of the lists of frames, or of a file near the folder."""
+        if "{" in self._table_name:
+            return _all_objects(frames)
+        if self._table_name:
+            for place in (self._folder, *self._folder.absolute().parents[:2]):
+                for file in (place / self._table_name, place / "assets" / self._table_name):
+                    if file.exists():
+                        return objects_of(file)
+        return ObjectTable({})
+
+    def words(self) -> Words:
+        """Return what the layout says of its poses."""
+        poses = self._layout.poses
+        if poses is None or self._layout.pictures == "faces":
+            return Words(fixed=True)
+        columns = {"m0"}
+        if not poses.position:
+            match = next(filter(None, map(re.compile(self.pattern).fullmatch, self.names)))
+            file = _filled(self._folder, poses.file, match)
+            keyed = not ("{" in poses.file or poses.row)
+            columns = {*read_rows(file, keyed, not (keyed or poses.row))[1].columns}
+        words = words_of(columns, poses.axes, poses.unit, poses.inverse)
+        return replace(words, asks=self._layout.asks)
 
 
 def _all_objects(frames: Iterable[Frame]) -> ObjectTable:
     """Return the objects of the lists of all frames, with ids in the order of their names."""
-    names = set[str]()
+    names: set[str] = set()
     for frame in frames:
         if frame.names is not None:
             names.update(objects_of(frame.names).names())
     return ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
-
-
-def _words(folder: Path, layout: Layout, pattern: str, names: list[str]) -> Words:
-    """Return what a layout says of its poses."""
-    poses = layout.poses
-    columns = {"m0"}
-    if poses is None or layout.pictures == "faces":
-        return Words(fixed=True)
-    if not poses.position:
-        match = next(filter(None, map(re.compile(pattern).fullmatch, names)))
-        keyed = not ("{" in poses.file or poses.row)
-        columns = {*read_rows(_filled(folder, poses.file, match), keyed, not (keyed or poses.row))[1].columns}
-    return replace(words_of(columns, poses.axes, poses.unit, poses.inverse), asks=layout.asks)
 
 
 def _check_time(pattern: str, names: list[str]) -> None:
@@ -321,17 +414,7 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
     options: Any = {"frame": poses.axes, "unit": poses.unit, "inverse": poses.inverse}
     with within(file.name):
         if poses.position:
-            data = parse_json(read_bytes(file, MOST_JSON_BYTES))
-            paths = {"position": poses.position, "rotation": poses.rotation}
-            entry = {key: _at(data, path) for key, path in paths.items() if path}
-            if is_matrix := bool(poses.matrix and poses.matrix in data):
-                at = entry["position"]
-                entry = {"transform_matrix": data[poses.matrix]}
-            options["inverse"] = poses.inverse and (is_matrix or not poses.matrix)
-            pose = Rows.of_entries([("pose", entry)]).listed(**options)["0"]
-            if is_matrix and (pose is None or not np.allclose(pose.position, at, rtol=0, atol=_CLOSE_M)):
-                expected = f"expected a {poses.matrix} that has its camera at {poses.position}"
-                raise ArgumentError(f"{expected}, {shown(at)}; got {pose and shown(pose.position.tolist())}")
+            pose = _pose_in_json(file, poses)
         elif "{" in poses.file or poses.row:
             rows = poses_in(file, False, whole=not poses.row, lossy=True, **options)
             row = int(match[poses.row]) if poses.row else 0
@@ -339,11 +422,31 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
                 raise ArgumentError(f"expected a pose in row {row + 1}, got {len(rows)} rows")
             pose = rows[str(row)]
         else:
-            names = [name for name in (*match.groups(), match[0], Path(match[0]).name) if name]
+            names = list(filter(None, (*match.groups(), match[0], Path(match[0]).name)))
             pose = named_pose(file, names, lossy=True, **options)
     if pose is None or not poses.yaw_deg:
         return pose
     return Pose(pose.position, turn_about_z(poses.yaw_deg) @ pose.R_w_c)
+
+
+def _pose_in_json(file: Path, poses: _Poses) -> Pose | None:
+    """Return the pose that JSON has at the layout's keys; a matrix must agree with the position."""
+    data = parse_json(read_bytes(file, MOST_JSON_BYTES))
+    position = _at(data, poses.position)
+    entry = {"position": position}
+    if poses.rotation:
+        entry["rotation"] = _at(data, poses.rotation)
+    is_matrix = bool(poses.matrix and poses.matrix in data)
+    if is_matrix:
+        entry = {"transform_matrix": data[poses.matrix]}
+    inverse = poses.inverse and (is_matrix or not poses.matrix)
+    rows = Rows.of_entries([("pose", entry)])
+    pose = rows.listed(frame=poses.axes, unit=poses.unit, inverse=inverse)["0"]
+    if is_matrix and (pose is None or not np.allclose(pose.position, position, rtol=0, atol=_CLOSE_M)):
+        expected = f"expected a {poses.matrix} that has its camera at {poses.position}"
+        actual = None if pose is None else shown(pose.position.tolist())
+        raise ArgumentError(f"{expected}, {shown(position)}; got {actual}")
+    return pose
 
 
 def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str]) -> Pose:
@@ -357,9 +460,9 @@ def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str
     file = _filled(folder, layout.poses.agrees, match)
     own = _pose_in_file(file, layout.poses, match)
     if own is not None and np.abs(own.R_w_c - pose.R_w_c).max() > _SAME:
-        angle = np.degrees(Rotation.from_matrix(own.R_w_c.T @ pose.R_w_c).magnitude())
+        angle_deg = np.degrees(Rotation.from_matrix(own.R_w_c.T @ pose.R_w_c).magnitude())
         line = f"{file.name} line {int(match[layout.poses.row]) + 1}"
-        raise ArgumentError(f"{line}: expected the front's turned {face}, off by {angle:.3g} degrees")
+        raise ArgumentError(f"{line}: expected the front's turned {face}, off by {angle_deg:.3g} degrees")
     return pose
 
 
