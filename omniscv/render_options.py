@@ -14,7 +14,7 @@ Normals = Literal["captured", "from-depth"]
 Seams = Literal["keep", "gains", "close"]
 Checks = Literal["none", "light", "beat"]
 Unseen = Literal["refuse", "blank"]
-FINEST_TRUTH = 8
+FINEST_TRUTH = 8  # times the size of colours
 COMPARED = ("depth", "object_mask")
 """Modes that ``checks: beat`` captures once more."""
 PRICE = (5.0, 25.0)

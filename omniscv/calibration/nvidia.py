@@ -143,7 +143,7 @@ ISAAC = Form(
 
 # -- NCore ----------------------------------------------------------------------------------------------
 
-_DEGREE = 5
+_DEGREE = 5  # of polynomials
 _POLYNOMIALS = {
     "ANGLE_TO_PIXELDIST": "angle_to_pixeldist_poly",
     "PIXELDIST_TO_ANGLE": "pixeldist_to_angle_poly",

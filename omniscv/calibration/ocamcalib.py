@@ -133,7 +133,7 @@ HUGIN = Form(
 )
 
 
-_INVERSE_ERROR_PX = 0.01
+_INVERSE_ERROR_PX = 0.01  # of the inverse polynomial, at most
 
 
 def _read(content: Content) -> dict[str, Values]:

@@ -150,9 +150,9 @@ Solver = tuple[Coefficients, float, float, float, float, Array]
 radius of its rim; rounding error; radii whose distorted radii by the radial terms are equally spaced."""
 
 _STEPS = 3  # of Newton's: mostly enough
-_RADII = 256
-_AZIMUTHS = 48
-_FINE_AZIMUTHS = 360
+_RADII = 256  # of the disc that are searched for the first turn
+_AZIMUTHS = 48  # of each radius
+_FINE_AZIMUTHS = 360  # of the radius that is found, and of the rim
 
 
 @njit(nogil=True, error_model="numpy")

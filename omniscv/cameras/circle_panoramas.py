@@ -9,7 +9,7 @@ from omniscv.cameras.base import FARTHEST, Array, Mask, Viewpoints, viewpoints_b
 from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
 
-_ROUNDING = 8 * np.finfo(np.float64).eps
+_ROUNDING = 8 * np.finfo(np.float64).eps  # relative error of a distance from the axis
 _TANGENT = 4e-16  # rounding error of a sine near 1: its arcsine would be off by the root of this
 Eye = Literal["left", "right"]
 

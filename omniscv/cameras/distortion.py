@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
 
-_CELLS = 1 << 11
-_MOST_STEPS = 100
+_CELLS = 1 << 11  # of the table of an inverse
+_MOST_STEPS = 100  # of regula falsi
 
 
 class Increasing:

@@ -17,7 +17,7 @@ from omniscv.errors import ArgumentError
 Reference = Literal["angle-to-pixel", "pixel-to-angle"]
 
 _MOST_COEFFICIENTS = 64  # finding roots takes the cube of their number
-_CELLS = 2048
+_CELLS = 2048  # of a table in which roots start
 _BLOCK = 1 << 14  # values per block: its arrays fit the processor's cache
 
 

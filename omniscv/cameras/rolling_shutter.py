@@ -20,12 +20,12 @@ from omniscv.geometry.cubic_path import CubicPath, rows_along
 from omniscv.geometry.trajectory import Trajectory, nanoseconds
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
-_MOST_TURN_DEG = 90.0
+_MOST_TURN_DEG = 90.0  # while the image is read
 AT_REST = Pose(np.zeros(3), np.eye(3))
 _INTERVALS = 16  # of the read-out: each is searched for one crossing
 _FINER = 16  # times as many intervals for points that a line comes near
 _NEAR = 4.0  # intervals within which a line counts as near
-_MOST_STEPS = 60
+_MOST_STEPS = 60  # of a search for the line of a point
 _CONVERGED = 1e-14  # fraction of the image between a point's line and the line that is read: ends the search
 _MEETS = 1e-9  # the same: the point is seen
 

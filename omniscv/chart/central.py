@@ -36,8 +36,8 @@ QUICK = {"width": 64}
 _POSITION = (0.1, -0.2, 1.45)
 _LEVEL = Pose.from_angles(_POSITION)
 _WARMING = 2  # rounds that are not measured
-_ROUNDS = 9
-_WHITE = 255.0
+_ROUNDS = 9  # that are measured, of which the best counts
+_WHITE = 255.0  # of 8 bits
 
 Image = NDArray[np.uint8]
 _Way = tuple[str, int, str]

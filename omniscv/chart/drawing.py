@@ -30,9 +30,9 @@ RING = "#d55e00"
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v")
 
-_WIDTH_IN = 8.0
+_WIDTH_IN = 8.0  # inches of a figure
 _DPI = 100
-_TITLE_CHARACTERS = 95
+_TITLE_CHARACTERS = 95  # of a line of the title
 _STEEP = 0.3
 """Natural logarithm of the ratio of two dots' costs, under which the second's label would lie on the line."""
 

@@ -51,10 +51,10 @@ _RING: dict[str, dict[str, Any]] = {
 }
 
 _KEY = "Each cell: strength from weak to strong; its height: pixels wrong, 0.01 % to 100 %, logarithmic"
-_LINE_IN = 0.36
+_LINE_IN = 0.36  # inches of a line of panels
 _MODES = ("lit", "object_mask", "depth")
 _FACE = 96 / 128  # px of a face for each of the image's width
-_RADIUS_M = 0.4
+_RADIUS_M = 0.4  # of the ring of viewpoints
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
 _LEVELS = 8 / 255  # error from which a colour is wrong
 _DEPTH = 0.01  # relative error from which depth is wrong
@@ -63,7 +63,7 @@ _BROKEN = 0.002  # least increase of wrong pixels that counts, a share
 _UNMARKED = 0.001  # least increase of unmarked pixels that counts, a share
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
-_SLITS_PX = 8
+_SLITS_PX = 8  # from slit to slit
 _ROOM = """
 sky: [0.6, 0.8, 0.9]
 room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,

@@ -19,7 +19,7 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
-SIZE = 512
+SIZE = 512  # px, of square images
 AZIMUTHS = np.linspace(-np.pi, np.pi, 13)[1:] - 0.1
 
 Pixels = Callable[[Camera, float], Array]

@@ -16,10 +16,10 @@ QUICK = {"models": ("equirectangular", "division")}
 
 STEPS = 10.0 ** -np.arange(0.25, 16, 0.25)
 """What is left to the limit, as a fraction."""
-BOUND_PX = 1e-6
+BOUND_PX = 1e-6  # the promised error of a round trip
 _FLOOR_PX = 1e-15  # where an error of 0 is drawn
-_COLUMNS = 6
-_HEIGHT_IN = 1.08
+_COLUMNS = 6  # of panels
+_HEIGHT_IN = 1.08  # inches of a line of panels
 _BEYOND = {"refused": drawing.COLORS[0], "marked": drawing.COLORS[1], "in domain": drawing.COLORS[2]}
 
 

@@ -87,8 +87,8 @@ Style = Literal["bar", "plain", "none"]
 _HELP = "bar, plain (lines for a log) or none; else bar on a terminal, and a line a minute elsewhere."
 StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
 """The option of every command that runs long."""
-_LINES_EVERY_S = 5.0
-_LINES_ELSEWHERE_S = 60.0
+_LINES_EVERY_S = 5.0  # from line to line of ``--progress plain``
+_LINES_ELSEWHERE_S = 60.0  # the same without a terminal and a style
 
 
 def line(text: object) -> None:

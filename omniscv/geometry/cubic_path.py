@@ -11,7 +11,7 @@ from omniscv.geometry.pose import Array, Pose
 from omniscv.geometry.trajectory import NS, Trajectory
 
 _CLOSE = 1e-8  # metres and radians within which the cubics pass through a path between their rows
-_MOST_HALVINGS = 7
+_MOST_HALVINGS = 7  # of the pieces of a path
 
 
 class CubicPath:

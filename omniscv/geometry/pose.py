@@ -30,7 +30,7 @@ R_LEVEL: Array = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 _EYE = np.eye(3)
 _NOT_ORTHONORMAL = 1e-6  # largest entry of |R R^T - I| that a rotation may have
-_SHORTEST_QUATERNION = 1e-12
+_SHORTEST_QUATERNION = 1e-12  # that has a direction
 
 
 def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> Array:

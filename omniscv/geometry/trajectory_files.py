@@ -31,7 +31,7 @@ from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialec
 from omniscv.storage.bounded import MOST_JSON_BYTES, encoding_of, open_regular, parse_json, read_bytes
 
 _SECONDS = 1e11  # the year 5138: milliseconds since 1970 are more, and all seconds are less
-_MOST_TIME = 1e19
+_MOST_TIME = 1e19  # of a file, in any unit
 _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
 
 # Seconds from row to row:
@@ -40,7 +40,7 @@ _SLOW_WHOLE = 2.0  # whole numbers are as often ms
 _TOO_SLOW = 1e4  # refused
 
 _MOST_BYTES = 1 << 28  # of a file
-_SAID_EVERY_S = 5.0
+_SAID_EVERY_S = 5.0  # how far a long file is read
 _LOOKED_EVERY = 1 << 14  # rows
 _log = logging.getLogger("omniscv")
 _FIRST = Pose(np.zeros(3), R_LEVEL)

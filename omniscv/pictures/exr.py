@@ -17,8 +17,8 @@ from omniscv.pictures.png import deflated
 
 _START = struct.pack("<II", 20000630, 2)
 _TYPES = {"uint32": 0, "float16": 1, "float32": 2}
-_ZIP = 3
-_ROWS = 16
+_ZIP = 3  # compression of blocks
+_ROWS = 16  # of a block
 
 
 def encode(

@@ -18,7 +18,7 @@ _IMAGES = [f".{suffix}" for suffix in FORMS if suffix != ARRAY]
 SUFFIXES = (*_IMAGES, *hdf5.SUFFIXES)
 """Of the pictures that :func:`read` reads."""
 
-_MOST_PARTS = 64
+_MOST_PARTS = 64  # of a file that are looked at
 _JPEG = b"\xff\xd8\xff"
 _END = b"\xff\xd9"
 _JPEG_END = 0xD9

@@ -22,7 +22,7 @@ ARRAY = "b2nd"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
-_JPEG_QUALITY = 95
+_JPEG_QUALITY = 95  # 0 to 100
 _JPEG_LARGEST_PX = 65500
 _REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x and y of red, green, blue and white of floating-point colours."""

@@ -13,7 +13,7 @@ from omniscv.storage.bounded import open_regular
 
 SUFFIXES = (".hdf5", ".h5")
 _NAME = "dataset"
-_MOST_CHANNELS = 4
+_MOST_CHANNELS = 4  # of a pixel
 
 
 def read(file: Path) -> NDArray[Any]:

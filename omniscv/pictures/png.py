@@ -21,8 +21,8 @@ from omniscv.errors import ArgumentError, BadReplyError
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """By colour type: grey, RGB, palette, grey with alpha, RGBA."""
 
-_PALETTE = 3
-_UP = 2
+_PALETTE = 3  # colour type
+_UP = 2  # filter: the difference to the pixel above
 _SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: profiles, texts
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

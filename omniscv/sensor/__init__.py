@@ -37,7 +37,7 @@ Image = TypeVar("Image")  # an image in memory: omniscv.compose.image.OmniImage,
 
 _FEWEST_BITS = 8
 _MOST_BITS = 16
-_MOST_KERNELS = 5
+_MOST_KERNELS = 5  # of a blur, from the centre to the corners
 _BLOCK_PX = 1 << 21  # pixels whose random words are in memory at a time
 
 _PATTERNS = {"rggb": (0, 1, 1, 2), "bggr": (2, 1, 1, 0), "grbg": (1, 0, 2, 1), "gbrg": (1, 2, 0, 1)}

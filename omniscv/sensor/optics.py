@@ -34,7 +34,7 @@ Shading = str | tuple[tuple[float, float], ...]
 """``natural``, the path of a vignette, or (degrees off the axis, share of light)."""
 
 NATURAL = "natural"
-_STEP_PX = 1e-3
+_STEP_PX = 1e-3  # of differences
 
 RESPONSE = "pcalib.txt"
 VIGNETTE = "vignette.png"

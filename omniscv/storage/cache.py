@@ -24,8 +24,8 @@ Download = Callable[[Path], None]
 """``download(path)`` writes the bytes of a stored file to a path."""
 
 _SUM = ".sha256"
-_LIMIT_GB = 50.0
-_KEPT_S = 24 * 3600.0
+_LIMIT_GB = 50.0  # unless OMNISCV_CACHE_GB says another
+_KEPT_S = 24 * 3600.0  # since the last use: then a copy may be removed
 _CLEANED = ".cleaned"  # a file whose time is that of the last clean-up
 _CLEANED_EVERY_S = 3600.0
 _KEY = re.compile("[0-9a-f]{64}")

@@ -22,7 +22,7 @@ from omniscv.storage.bounded import open_regular
 with suppress(ImportError):  # Windows
     import fcntl  # noqa: TID251
 
-_TOKEN_BYTES = 8
+_TOKEN_BYTES = 8  # random, in names of temporary files and folders
 _TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LAST_BYTES = 10_000  # that are searched for a last line

@@ -34,7 +34,7 @@ SCHEMES = ("file", "s3", "gs", "memory")
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
-_ATTEMPTS = 7
+_ATTEMPTS = 7  # of a request
 _FIRST_WAIT_S = 0.05  # doubled before each further attempt
 _PATIENCE_S = 20.0  # after which no attempt starts
 _ANSWER_S = 8.0  # for an attempt of a request; the packages of some stores retry within it
