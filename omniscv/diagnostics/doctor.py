@@ -245,7 +245,10 @@ def capabilities(camera: RawCamera) -> Finding:
         "sets field of view": abs(camera.fov_deg - across(*camera.size)) < _PRINTED,
         "points straight up": abs(camera.driver.read("rotation", 3)[0] - 90) < _PRINTED,
     }
-    value = ", ".join(what if can[what] else f"not: {what}" for what in can)
+    words = []
+    for what in can:
+        words.append(what if can[what] else f"not: {what}")
+    value = ", ".join(words)
     return Finding("capabilities", value if all(can.values()) else f"{value}; recordings allow for it")
 
 
@@ -317,7 +320,9 @@ def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
 
 def _mean_misfit(pairs: Pairs, camera: RawCamera, kind: str) -> float:
     """Return how badly pictures of depth predict each other if it is of a kind; more than 0, by rounding."""
-    misfits = [misfit(first, second, camera.fov_deg, kind) for first, second in pairs["depth"]]
+    misfits = []
+    for first, second in pairs["depth"]:
+        misfits.append(misfit(first, second, camera.fov_deg, kind))
     return float(np.mean(misfits)) + 1e-6
 
 
@@ -326,7 +331,7 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
     _, expected = camera.driver.table.depth
 
     def ahead(yaw_deg: float, pitch_deg: float, forward_m: float) -> float:
-        """Return the depth in the middle of a picture, in the server's unit."""
+        """Return the depth in the middle of a picture, in the server's unit, after ``camera.go``."""
         camera.go(yaw_deg, pitch_deg, forward_m)
         depth = camera.pixels("depth")
         return float(depth[depth.shape[0] // 2, depth.shape[1] // 2])

@@ -66,9 +66,12 @@ def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str
     if not cameras:
         raise ArgumentError(f"{folder}: expected frames with lit and depth, which can be compared, got none")
     there = storage.folder(folder)
-    written = [name for name in there.names(f"{EXPORTS}/") if Path(name).suffix in _SUFFIXES]
+    written: dict[str, None] = {}
+    for name in there.names(f"{EXPORTS}/"):
+        if Path(name).suffix in _SUFFIXES:
+            written[name] = None
     formats = [format] if format else list(READERS)
-    with local_copy(there, dict.fromkeys(written)) as local:
+    with local_copy(there, written) as local:
         for name, frames_of_camera in cameras.items():
             yield from _lines_of(name, frames_of_camera, local, formats)
 
@@ -123,9 +126,11 @@ def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
 def _nerfstudio(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     for file in (out / "transforms.json", out / frames[0].camera_name / "transforms.json"):
         if file.is_file():
-            rows = json.loads(file.read_text("utf-8"))["frames"]
-            keys = [Path(row["file_path"]).stem for row in rows]
-            entries = [{"transform_matrix": row["transform_matrix"]} for row in rows]
+            keys = []
+            entries = []
+            for row in json.loads(file.read_text("utf-8"))["frames"]:
+                keys.append(Path(row["file_path"]).stem)
+                entries.append({"transform_matrix": row["transform_matrix"]})
             yield Written.of(file, keys, entries, Words("opengl", along=True))
 
 

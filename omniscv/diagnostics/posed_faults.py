@@ -52,7 +52,7 @@ PARAMETERS = (
 SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET = range(len(PARAMETERS))
 _OF_PANORAMA = (SCALE, TIME, OFFSET)
 _POSE = slice(len(PARAMETERS), len(PARAMETERS) + 6)  # behind parameters: a turn and a move of second cameras
-_STEPS = np.array([*(parameter.step for parameter in PARAMETERS), *[1e-3] * 6])
+_STEPS = np.array([parameter.step for parameter in PARAMETERS] + [1e-3] * 6)
 _MATTERS = np.array([parameter.matters for parameter in PARAMETERS])
 _LIKELY = np.array([parameter.most for parameter in PARAMETERS])
 
@@ -354,7 +354,7 @@ class Fit:
             doubt = after.solve(trial)[1] if after else np.full(1, np.inf)
             least = np.maximum(_SIGMA * doubt, matters[trial])
             if after and (np.abs(fitted[self.possible[trial]]) > least).all():
-                others.append([i for gain, i in gains[:-1] if gain > _AS_WELL * most])
+                others.append(_at_least(_AS_WELL * most, gains[:-1]))
                 theta = fitted
                 system = after
                 chosen = trial
@@ -364,12 +364,16 @@ class Fit:
         noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
         sizes = theta[self.possible][chosen]
         model = np.hypot((_INEXACT + _PER_NOISE * noise) * sizes, _OF_MATTERS * matters[chosen])
-        faults = []
-        for i, size, sigma, also in zip(chosen, sizes, np.hypot(sigmas, model), others, strict=True):
-            faults.append(
-                Fault(self._parameter(i), float(size), float(sigma), tuple(map(self._parameter, also)))
-            )
+        faults = self._faults(chosen, sizes, np.hypot(sigmas, model), others)
         return Found(faults, system.left, system.drift)
+
+    def _faults(self, chosen: list[int], sizes: Array, sigmas: Array, others: list[list[int]]) -> list[Fault]:
+        """Return what is off: parameters, by how much and how surely, and what explains the same."""
+        faults = []
+        for i, size, sigma, also in zip(chosen, sizes, sigmas, others, strict=True):
+            parameters = tuple(map(self._parameter, also))
+            faults.append(Fault(self._parameter(i), float(size), float(sigma), parameters))
+        return faults
 
     def _parameter(self, index: int) -> Parameter:
         """Return one of the parameters that may be off."""
@@ -385,6 +389,15 @@ class Fit:
             if abs(step[-1]) > max(0.5 * matters, _LIKELY_SIGMA * sigma[-1]):
                 gains.append((gain - system.solve(chosen)[2], i))
         return sorted(gains)
+
+
+def _at_least(least: float, gains: list[tuple[float, int]]) -> list[int]:
+    """Return the indices of the gains that are greater."""
+    indices = []
+    for gain, i in gains:
+        if gain > least:
+            indices.append(i)
+    return indices
 
 
 def _blurred(pictures: NDArray[Any]) -> NDArray[np.float32]:

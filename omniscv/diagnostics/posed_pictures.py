@@ -258,7 +258,9 @@ def _refined(scores: Callable[[Array], Array], x: Array, steps: Array) -> tuple[
         mean = slopes.mean(axis=0)
         inverse = np.linalg.pinv(np.stack(bends))
         x = x - steps * np.clip(inverse @ mean, -3, 3)
-        blocks = [block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)]
+        blocks = []
+        for block in np.array_split(slopes - mean, _BLOCKS):
+            blocks.append(block.sum(axis=0))
         sigma = steps * np.linalg.norm(np.stack(blocks) / len(slopes) @ inverse, axis=0)
     return x, sigma
 

@@ -129,12 +129,17 @@ def _masks(source: Source) -> Iterator[Finding]:
 
 
 def _exposure(places: Sequence[Place]) -> Finding:
-    drifts = [place.gains.gains for place in places if place.gains.proven]
+    drifts = []  # quotients of the greatest and the least gain, of places where they are proven
+    for place in places:
+        gains = place.gains.gains
+        if place.gains.proven:
+            drifts.append(float(gains.max() / gains.min()))
     if not drifts:
         explained = max(place.gains.explained for place in places)
         return Finding("exposure", f"explains {100 * explained:.0f} % of the steps at most")
-    most = max(float(gains.max() / gains.min()) for gains in drifts)
-    value = f"differs by up to {most:.3g} between faces of one centre, at {len(drifts)} of {len(places)}"
+    value = (
+        f"differs by up to {max(drifts):.3g} between faces of one centre, at {len(drifts)} of {len(places)}"
+    )
     return Finding("exposure", value, "warning", "record with manual exposure; or render with seams: gains")
 
 

@@ -195,7 +195,10 @@ def _fit(overlaps: list[tuple[Array, Array, Array]]) -> tuple[float, float]:
         return rows
 
     def spread(vignette: float) -> float:  # by medians, because textures finer than pixels differ
-        return float(np.mean([np.median(np.abs(row - np.median(row))) for row in residuals(vignette)]))
+        deviations = []
+        for row in residuals(vignette):
+            deviations.append(np.median(np.abs(row - np.median(row))))
+        return float(np.mean(deviations))
 
     vignette = float(minimize_scalar(spread, bounds=(-0.3, 0.95), method="bounded").x)
     gain = float(np.expm1(max(abs(np.median(row)) for row in residuals(vignette))))

@@ -235,6 +235,7 @@ class MovingWorld:
             return Finding(title, "unknown: nothing in sight can be moved", "warning", "give --position")
 
         def move(x: float, y: float, z: float) -> None:
+            """Move the object to ``x``, ``y``, ``z``, in the server's unit and frame."""
             self._connection.text(f"vset {location} {x:.6f} {y:.6f} {z:.6f}")
 
         location = f"/object/{name}/location"

@@ -220,15 +220,7 @@ class Verdict:
         turned = self._turned_pictures(layout)
         is_layout = _BY.get(layout, "layout") == "layout"
         keys = self._changed_keys(with_axes=is_layout or not turned)
-        words = []
-        if right.quaternion:
-            order = "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
-            words.append(f"names of the columns, x y z {order}, above the poses")
-        if right.transposed:
-            words.append("poses with their rotations transposed")
-        if right.shift:
-            later = "later" if right.shift > 0 else "earlier"
-            words.append(f"each pose at the picture {abs(right.shift)} frames {later}")
+        words = _changes_in_file(right)
         if turned and not is_layout:
             words.append(turned)
         if keys and is_layout:
@@ -278,6 +270,20 @@ class Verdict:
             return f"depth {how} (colours are as they should be)"
         is_option = how.startswith("with left") and _BY.get(layout) == "options"
         return "--mirrored" if is_option else f"colours and depth {how}"
+
+
+def _changes_in_file(right: Convention) -> list[str]:
+    """Return what to do with the file of poses itself, as no option says it."""
+    changes = []
+    if right.quaternion:
+        order = "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
+        changes.append(f"names of the columns, x y z {order}, above the poses")
+    if right.transposed:
+        changes.append("poses with their rotations transposed")
+    if right.shift:
+        later = "later" if right.shift > 0 else "earlier"
+        changes.append(f"each pose at the picture {abs(right.shift)} frames {later}")
+    return changes
 
 
 def inverted(R: Array, t: Array) -> tuple[Array, Array]:

@@ -143,9 +143,13 @@ def _check_idle(options: Options, modes: Collection[str], sequence: PosedSequenc
 
 def _has_light(options: Options, sequence: PosedSequence | None) -> bool:
     """Return whether a file of colours may have negative or NaN values."""
-    files = [file for mode, file in options.clipped if mode == "lit"]
+    files = []
+    for mode, file in options.clipped:
+        if mode == "lit":
+            files.append(file)
     if sequence:
-        files += [str(frame.files.get("lit", "")) for frame in sequence.frames]
+        for frame in sequence.frames:
+            files.append(str(frame.files.get("lit", "")))
     return any(Path(file).suffix.lower() in _OF_LIGHT for file in files)
 
 
@@ -237,22 +241,36 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
     lines: list[str] = []
     choice: Choice | None = None
     for mode in sorted(files, key=lambda mode: mode != "lit"):
-        stems = [file.stem for file in files[mode]]
+        stems = _stems(files[mode])
         fitting = named(stems, _tried(name) if choice is None else [choice.layout])
         if len(stems) != 6 or not fitting:
             raise ArgumentError(_expected_faces(folder, name, mode, files))
         pictures = [_read_face(file, mode, options) for file in files[mode]]
         _check_square(pictures)
         if choice is None:
-            readings = []
-            for layout, order in fitting:
-                readings.append((layout, [pictures[i].pixels for i in order]))
-            choice = choose(readings, is_given=name != "auto")
+            choice = _choice(fitting, pictures, name)
         order = next(order for layout, order in fitting if layout is choice.layout)
         if not lines:
             lines = choice.lines([stems[i] for i in order])
         faces += _views(mode, choice, [pictures[i] for i in order])
     return faces, [*lines, *layer_lines(layers)]
+
+
+def _choice(fitting: Sequence[tuple[Layout, list[int]]], pictures: Sequence[Picture], name: str) -> Choice:
+    """Return the reading of pictures whose edges fit.
+
+    Args:
+        fitting: layouts that the names of files allow, each with the indices of pictures in its order.
+        pictures: the six faces, in the order of files.
+        name: of a layout, or ``auto``.
+    """
+    readings = []
+    for layout, order in fitting:
+        pixels = []
+        for i in order:
+            pixels.append(pictures[i].pixels)
+        readings.append((layout, pixels))
+    return choose(readings, is_given=name != "auto")
 
 
 def _files_by_mode(folder: Path, options: Options) -> tuple[dict[str, list[Path]], list[foreign.Parts]]:
@@ -278,11 +296,16 @@ def _files_by_mode(folder: Path, options: Options) -> tuple[dict[str, list[Path]
 
 def _expected_faces(folder: Path, name: str, mode: str, files: Mapping[str, Sequence[Path]]) -> str:
     """Return why the pictures of a mode are not six faces by a layout, or by any if it is ``auto``."""
-    stems = sorted(file.stem for file in files[mode])
+    stems = sorted(_stems(files[mode]))
     if name == "auto" and len(stems) != 6:
         return f"expected six faces, panoramas or a layout that is known; got {_found(folder, files)}"
     expected = f"expected six pictures of one place, named as in {_names(name, cells=False)}"
     return f"{expected}; got {len(stems)} of {mode}: {', '.join(stems[:8])}"
+
+
+def _stems(files: Iterable[Path]) -> list[str]:
+    """Return the names of files without their suffixes."""
+    return [file.stem for file in files]
 
 
 def _check_square(pictures: Sequence[Picture]) -> None:
@@ -310,7 +333,7 @@ def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
 
     counts = []
     for mode, files_of_mode in files.items():
-        stems = ", ".join(file.stem for file in files_of_mode[:8])
+        stems = ", ".join(_stems(files_of_mode[:8]))
         counts.append(f"{len(files_of_mode)} of {mode}: {stems}")
     found = "; ".join(counts)
     poses = _files_of_poses(folder)

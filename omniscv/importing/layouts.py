@@ -119,7 +119,10 @@ def _order(words: Sequence[str], words_of_stems: Sequence[set[str]]) -> list[int
     """Return the index of the name that has each word; none unless each word has one name of its own."""
     order = []
     for word in words:
-        indices = [i for i, known in enumerate(words_of_stems) if word in known]
+        indices = []
+        for i, known in enumerate(words_of_stems):
+            if word in known:
+                indices.append(i)
         if len(indices) != 1:
             return []
         order += indices

@@ -14,9 +14,17 @@ from omniscv.geometry.trajectory_columns import Rows
 from omniscv.importing.conventions import Words
 from omniscv.importing.lenses import Pinhole, Wide, of_file
 from omniscv.importing.listed_frames import inside
-from omniscv.importing.posed_frames import Files, Frame, Options, Sequence, files_in, objects_of
+from omniscv.importing.posed_frames import (
+    Files,
+    Frame,
+    Options,
+    Sequence,
+    files_in,
+    numbered,
+    objects_of,
+    only_pictures,
+)
 from omniscv.pictures import foreign, hdf5, npy
-from omniscv.sources.base import ObjectTable
 from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, parse_json, read_bytes
 
 _UNKNOWN_WORLD = "the world is that of the poses: its unit, and where up is, are not known"
@@ -95,7 +103,7 @@ def llff(folder: Path, options: Options) -> Sequence:
     place = folder / "images"
     if not place.is_dir():
         place = folder
-    pictures = [file for file in files_in(place, options) if file.suffix.lower() in foreign.SUFFIXES]
+    pictures = only_pictures(files_in(place, options))
     if len(pictures) != len(table):
         actual = f"{len(pictures)} pictures in {place.name}/ and {len(table)} rows"
         raise ArgumentError(f"poses_bounds.npy: expected a row for each picture, by name, got {actual}")
@@ -209,7 +217,7 @@ def _only_picture(folder: Path) -> Path | None:
     """Return the picture in a folder; None if there is no folder, or none in it."""
     if not folder.is_dir():
         return None
-    pictures = sorted(file for file in folder.iterdir() if file.suffix.lower() in foreign.SUFFIXES)
+    pictures = only_pictures(sorted(folder.iterdir()))
     if len(pictures) > 1:
         raise ArgumentError(f"{folder.name}: expected the picture of one scene, got {len(pictures)}")
     return pictures[0] if pictures else None
@@ -329,8 +337,7 @@ def isaac(folder: Path, options: Options) -> Sequence:
         frames.append(Frame(paths, pose, lens, {"depth": Files(kind=kind, unit="m")}, names=listed))
         if listed is not None:
             names.update(objects_of(listed).names())
-    objects = ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
-    return Sequence(frames, objects, words=Words("opengl"))
+    return Sequence(frames, numbered(names), words=Words("opengl"))
 
 
 def _isaac_files(folder: Path, number: str) -> tuple[dict[str, Path], str, Path | None]:

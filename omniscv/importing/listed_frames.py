@@ -94,11 +94,11 @@ def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
     """Return the pose of the first of some ``names`` that a ``file`` has; ``options`` as of `poses_in`."""
     with within(file.name):
         poses = poses_in(file, True, **options)
-        names = [unicodedata.normalize("NFC", name) for name in names]
-        for name in names:
+        composed = [unicodedata.normalize("NFC", name) for name in names]
+        for name in composed:
             if name in poses:
                 return poses[name]
-        raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
+        raise ArgumentError(f"expected a pose of {shown(composed[0])}, got those of {shown([*poses][:4])}")
 
 
 class _Axes(NamedTuple):
@@ -138,8 +138,12 @@ def frame_of_poses(options: Options) -> _Axes:
 
 
 def _angles(pose: Pose) -> str:
-    yaw, pitch, roll = [round(angle, 2) + 0.0 for angle in pose.angles()]  # no negative zero
+    yaw, pitch, roll = map(_rounded, pose.angles())
     return f"yaw {yaw:g}, pitch {pitch:g}, roll {roll:g} (left, up and right side down +)"
+
+
+def _rounded(angle: float) -> float:
+    return round(angle, 2) + 0.0  # no negative zero
 
 
 def _transforms(folder: Path) -> list[dict[str, Any]]:

@@ -65,19 +65,19 @@ class PosedPictures:
             if shot is not None:
                 shots[frame] = shot
         shots = _of_one_size(shots)
-        index = {frame: picture for picture, frame in enumerate(shots)}
-        overlapping = []
-        for first, second in chosen.tolist():
-            if first in index and second in index:
-                overlapping.append([index[first], index[second]])
+        overlapping = _known_pairs(chosen, list(shots))
         if not overlapping:
             return None
-        if len(overlapping) < _FEW:
-            overlapping += [pair[::-1] for pair in overlapping]
-        greys = [shot.grey for shot in shots.values() if shot.grey is not None]
-        lenses = [shot.lens or (1, 1, 0, 0) for shot in shots.values()]
+        depths = []
+        greys = []  # of those that have colours
+        lenses = []
+        for shot in shots.values():
+            depths.append(shot.depth)
+            if shot.grey is not None:
+                greys.append(shot.grey)
+            lenses.append(shot.lens or (1, 1, 0, 0))
         return cls(
-            depth=np.stack([shot.depth for shot in shots.values()]),
+            depth=np.stack(depths),
             grey=np.stack(greys) if len(greys) == len(shots) else None,
             lenses=np.array(lenses, np.float64),
             frames=np.array(list(shots)),
@@ -128,6 +128,23 @@ class PosedPictures:
         for index, lens in enumerate(self.lenses[pictures].tolist()):
             rays[index] = pinhole.rays(pixels[index], pinhole.Projection(*lens))
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+
+
+def _known_pairs(chosen: Indices, frames: list[int]) -> list[list[int]]:
+    """Return those of the pairs whose two frames are known, as indices of frames; few of them both ways.
+
+    Args:
+        chosen: (P, 2) pairs of frames.
+        frames: the known ones.
+    """
+    index = {frame: picture for picture, frame in enumerate(frames)}
+    pairs = []
+    for first, second in chosen.tolist():
+        if first in index and second in index:
+            pairs.append([index[first], index[second]])
+    if len(pairs) < _FEW:
+        pairs += [pair[::-1] for pair in pairs]
+    return pairs
 
 
 def _of_one_size(shots: dict[int, Shot]) -> dict[int, Shot]:

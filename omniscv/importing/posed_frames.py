@@ -439,13 +439,18 @@ def skipped_lines(options: Options) -> list[str]:
     return [f"{len(options.skipped)} pictures that are hidden, or thumbnails, are skipped: {shown(where)}"]
 
 
+def only_pictures(files: Iterable[Path]) -> list[Path]:
+    """Return those of the files whose suffixes are of pictures that are read here."""
+    return [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
+
+
 def pictures_in(path: Path, options: Options | None = None) -> list[Path]:
     """Return the pictures in the folder ``path``, sorted, or the one that it is.
 
     Pictures that are skipped are noted in ``options``; ArgumentError if there are none.
     """
     files = files_in(path, options) if path.is_dir() else [path]
-    pictures = [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
+    pictures = only_pictures(files)
     if not pictures:
         others = ", ".join(shown(file.name) for file in files[:8])
         actual = f"none; cannot read {others}" if others else "none"
@@ -529,6 +534,11 @@ def objects_of(file: Path) -> ObjectTable:
             raise ArgumentError(f"expected names of ids, got: {shown(str(cause))}") from cause
 
 
+def numbered(names: Iterable[str]) -> ObjectTable:
+    """Return objects with these ``names``, whose ids count from 1 in the order of names."""
+    return ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
+
+
 def _table_of(data: Any) -> ObjectTable:
     """Return the objects that the data of a file name; errors of Python for data of another form."""
     if isinstance(data, list):
@@ -537,7 +547,10 @@ def _table_of(data: Any) -> ObjectTable:
     if any(_RGBA.fullmatch(key) or isinstance(data[key], dict) for key in data):
         data = _of_isaac(data)
     if all(isinstance(name, str) for name in data.values()):
-        data = {data[i]: int(i) for i in data}
+        ids_of_names = {}
+        for i, name in data.items():
+            ids_of_names[name] = int(i)
+        data = ids_of_names
     if all(isinstance(value, list) for value in data.values()):
         colors = {}
         for key in data:
@@ -545,4 +558,8 @@ def _table_of(data: Any) -> ObjectTable:
             red, green, blue = bytes(data[key])
             colors[name] = (red, green, blue)
         return ObjectTable(colors)
-    return ObjectTable({}, 0, {text("name", name): int(data[name]) for name in data})
+    ids = {}
+    for key in data:
+        name = text("name", key)
+        ids[name] = int(data[key])
+    return ObjectTable({}, 0, ids)

@@ -44,6 +44,7 @@ from omniscv.importing.posed_frames import (
     Options,
     Sequence,
     files_in,
+    numbered,
     objects_of,
 )
 from omniscv.records import checked, mapping, nested, optional, read, record
@@ -380,7 +381,7 @@ def _all_objects(frames: Iterable[Frame]) -> ObjectTable:
     for frame in frames:
         if frame.names is not None:
             names.update(objects_of(frame.names).names())
-    return ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
+    return numbered(names)
 
 
 def _check_time(pattern: str, names: list[str]) -> None:

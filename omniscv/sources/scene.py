@@ -93,10 +93,7 @@ class SceneSource(Source):
             if static := sorted(self._moved.keys() & scene.static):
                 raise ValueError(f"expected objects that can be moved, got {static[0]}, which is static")
             if self._moved:
-                poses = {}
-                for name, pose in self._moved.items():
-                    poses[name] = (pose.rotation, pose.position)
-                self.scene = self.scene.at(self.scene.time, poses)
+                self.scene = self.scene.at(self.scene.time, _rotations_and_positions(self._moved))
         except ValueError as wrong:
             raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
         self._without = frozenset(hidden)  # by without()
@@ -256,6 +253,14 @@ class SceneSource(Source):
             if paint:
                 paints.append(paint)
         return {mode: np.concatenate(parts[mode]) for mode in parts}, paints
+
+
+def _rotations_and_positions(poses: Mapping[str, Pose]) -> dict[str, tuple[Array, Array]]:
+    """Return the rotation and the position of each object, by its name."""
+    parts = {}
+    for name, pose in poses.items():
+        parts[name] = (pose.rotation, pose.position)
+    return parts
 
 
 def room_of(scene: Scene) -> Room | None:

@@ -277,7 +277,7 @@ def unmoved_places(store: Store) -> Iterator[str]:
         kind = (row.mode, view.width, view.height, view.fov_deg, row.stops)
         places[view.key().position, row.state][kind].append(row)
     for (position, _), kinds in places.items():
-        compared = [rows for rows in kinds.values() if len({row.captured for row in rows}) > 1]
+        compared = list(filter(_has_several_views, kinds.values()))
         if not any(_is_evidence(store, rows[0]) for rows in compared):
             continue
         if all(map(_is_one_picture, compared)):
@@ -286,6 +286,11 @@ def unmoved_places(store: Store) -> Iterator[str]:
             why = "the camera did not move, or there was nothing to see"
             actual = f"got equal ones in all modes: {why}"
             yield f"{count} views at ({at}) m: expected a picture of each, {actual}"
+
+
+def _has_several_views(rows: Sequence[Row]) -> bool:
+    """Return whether captures are of more than one view."""
+    return len({row.captured for row in rows}) > 1
 
 
 def _is_one_picture(rows: Sequence[Row]) -> bool:
