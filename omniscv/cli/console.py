@@ -38,7 +38,7 @@ def _unraisable(lost: Any) -> None:
         sys.__unraisablehook__(lost)
 
 
-def unwound(command: Callable[[], int]) -> int:
+def unwound(command: Callable[[], int]) -> int:  # noqa: PLR0915 - one list of faults, each with its code
     """Run a command and return its exit code: 128 + the signal's number if a signal stopped it.
 
     Each signal raises KeyboardInterrupt in the main thread. An inherited SIG_IGN of SIGINT, as in background

@@ -181,7 +181,7 @@ def with_poses(run: str, task: int, how: How, job: Job) -> Job | Failure:
     return _done(run, task, how, work)
 
 
-def _done(run: str, task: int, how: How, work: Callable[..., T]) -> T | Failure:
+def _done(run: str, task: int, how: How, work: Callable[..., T]) -> T | Failure:  # noqa: PLR0915 - the order of a part's steps
     """Return the result of a function of the worker's source, a function to call with each frame's key before
     it is begun, and one to call with its progress; or what failed."""
     worker = get_worker()

@@ -111,7 +111,7 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
     "out float32[:, :, ::1]), float64[:, :, ::1], float64[:, ::1], (int64, int64, int64) -> int64",
     nogil=True,
 )
-def _place(rays: Rows, R_c_d: Array, projections: Array, sizes: tuple[int, int, int]) -> int:
+def _place(rays: Rows, R_c_d: Array, projections: Array, sizes: tuple[int, int, int]) -> int:  # noqa: PLR0915 - a kernel
     """Write how rays are averaged: the mip level of each, the counts of its grid of samples and the steps
     between them, px of that level. Return how far samples reach beyond their view, px."""
     (view, x, y, edges, level, counts, spacing), (width, height, coarsest) = rays, sizes

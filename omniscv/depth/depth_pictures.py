@@ -392,7 +392,7 @@ def _ray_length(pictures: DepthPictures, k: int, x: float, y: float) -> float:
     "float64[:, :, ::1]",
     nogil=True,
 )
-def _displace(rays: Rows, pictures: DepthPictures, around: Rows, R_c_w: Array) -> None:
+def _displace(rays: Rows, pictures: DepthPictures, around: Rows, R_c_w: Array) -> None:  # noqa: PLR0915 - a kernel
     """Add the error of rays that start ``offsets_w`` from the views' centre; write their parallax."""
     (view, x, y, distance, error, parallax, offsets_w), (edge_px, least, most) = rays, around
     shape, depth, offset = pictures.shape, pictures.depth, np.empty(3)

@@ -116,7 +116,7 @@ def _nearest(view: Ints, x: Floats, y: Floats, pixels: Ints, height: int, width:
     nogil=True,
     error_model="numpy",
 )
-def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -> float:
+def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -> float:  # noqa: PLR0915 - a kernel
     """Look up rays block by block; most blocks lie in the view of the last ray: that loop is vectorized."""
     R_c_d, projections, (half_width, half_height), sure, used = views
     last, most_u, most_v, block = 0, 0.0, 0.0, np.empty((3, _BLOCK))

@@ -129,7 +129,7 @@ def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> 
 
 
 @njit(nogil=True, error_model="numpy")
-def _march(shell: Any, arc: Any, hit: Any) -> None:
+def _march(shell: Any, arc: Any, hit: Any) -> None:  # noqa: C901, PLR0912, PLR0915 - a kernel
     """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
     start = psi = np.arctan2(h, -foot)

@@ -212,7 +212,7 @@ def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
     nogil=True,
     error_model="numpy",
 )
-def _patterns(
+def _patterns(  # noqa: C901, PLR0912, PLR0915 - a kernel
     depth: Floats, focal: float, precision: Precision, off: Floats, fired: Marks, alone: Marks, beats: Marks
 ) -> tuple[int, int]:
     """Mark patterns of second differences of 1/z of planar depth (h, w), which may be ``off`` beside its

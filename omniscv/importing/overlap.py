@@ -255,7 +255,7 @@ def _pixel(grey: NDArray[np.float32], x: float, y: float) -> float:
     nogil=True,
     error_model="numpy",
 )
-def agreement(
+def agreement(  # noqa: C901, PLR0912, PLR0915 - a kernel
     points: Array,
     motion: Array,
     pairs: Indices,

@@ -157,7 +157,7 @@ def _colored(indices: Pixels, palette: bytes) -> Pixels:
 
 
 @njit("uint8[:, ::1], int64, out uint8[:, ::1] -> bool", nogil=True)
-def _unfilter(rows: Any, step: int, padded: Any) -> bool:
+def _unfilter(rows: Any, step: int, padded: Any) -> bool:  # noqa: C901, PLR0912 - a kernel
     """Undo the filters of rows, whose first byte is the filter; return whether all are known.
 
     ``padded`` has a row of zeros above the pixels, and ``step`` columns of zeros, a pixel's, to their left.

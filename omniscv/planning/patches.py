@@ -72,7 +72,7 @@ class Patch:
     price: float
 
 
-def patches(
+def patches(  # noqa: PLR0915 - one search, whose state every step changes
     doubt: Doubt, worth: Array, focal_px: float, modes: int, price: Price, capabilities: Capabilities
 ) -> Iterator[Patch]:
     """Yield views and their pixels, those first that are worth the most at their price; each pixel at most
@@ -198,7 +198,7 @@ def _turns(a: float, b: float) -> float:
     nogil=True,
     error_model="numpy",
 )
-def _best_windows(
+def _best_windows(  # noqa: C901, PLR0912, PLR0915 - a kernel
     points: Array,
     worth: Array,
     axes: Array,

@@ -58,17 +58,7 @@ class SeveralCenters(Refinement):
         if around is not None:
             self._occluded = occlusion(around, search.origins_w)[1]
         search.adopt_lost()
-        rate = 0.0
-        most = math.inf
-        for _ in range(tuned.DEPTH_ROUNDS):
-            doubt = search.pixels[search.doubtful(search.hits)]
-            enough = tuned.EDGES * self.doubt_pixels if self.truth else self.doubt_pixels
-            choice = self.choice(doubt) if enough < len(doubt) < most else ""
-            if isinstance(choice, str):
-                break
-            rate = choice.rate
-            most = len(doubt) - tuned.LEAST_RESOLVED * choice.promised
-            yield from self._capture_depth(choice)
+        rate = yield from self._refine_depth()
         self.reserved = 0, 0
         every = np.arange(len(search.pixels))
         yield Round(tuple(self._coarse_views(every, self.plan.modes)))
@@ -78,6 +68,25 @@ class SeveralCenters(Refinement):
         if rate:
             yield from self._serve(self._rows_of(self.doubtful()), rate)
         yield from self.finer()
+
+    def _refine_depth(self) -> Generator[Round, Captures | None, float]:
+        """Yield finer depth while it resolves enough; return the price of a pixel that it resolved last, ms, or
+        0 without any."""
+        search = self._search
+        rate = 0.0
+        most = math.inf
+        for _ in range(tuned.DEPTH_ROUNDS):
+            doubt = search.pixels[search.doubtful(search.hits)]
+            enough = tuned.EDGES * self.doubt_pixels if self.truth else self.doubt_pixels
+            if not enough < len(doubt) < most:
+                break
+            choice = self.choice(doubt)
+            if isinstance(choice, str):
+                break
+            rate = choice.rate
+            most = len(doubt) - tuned.LEAST_RESOLVED * choice.promised
+            yield from self._capture_depth(choice)
+        return rate
 
     def _exactly(self, why: str) -> Rounds:
         """Yield the rounds of ``exact`` instead, and why."""
@@ -131,13 +140,19 @@ class SeveralCenters(Refinement):
             if origin_w is None:
                 break
             more = search.depth_viewpoint(origin_w)
-            planned = more.requests(plan.modes) + plan.finished(serving_all(more)).requests(plan.modes)
-            if self.full(pixels_of(request.view for request in planned), len(planned)):
-                break
-            if plan.recorded is not None and not plan.recorded.hold(more.views_of("depth")):
+            if not self._may_capture(more):
                 break
             viewpoints = [more]
         return True
+
+    def _may_capture(self, viewpoint: Viewpoint) -> bool:
+        """Return whether budgets and a recording allow one more viewpoint, of depth and then of masks."""
+        plan = self.plan
+        serving = plan.finished(serving_all(viewpoint))
+        requests = viewpoint.requests(plan.modes) + serving.requests(plan.modes)
+        if self.full(pixels_of(request.view for request in requests), len(requests)):
+            return False
+        return plan.recorded is None or plan.recorded.hold(viewpoint.views_of("depth"))
 
     def _coarse_views(self, rows: Ints, modes: tuple[str, ...]) -> Iterator[Viewpoint]:
         """Yield the viewpoints of rays with coarse views, a centre each."""

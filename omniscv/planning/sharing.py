@@ -98,7 +98,7 @@ def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
     least = _work(own)
     everybody = list(range(len(plans)))
     # A narrow camera that one view holds may need finer faces than all others.
-    wide = [i for i in everybody if len({request.view for request in own[i].requests}) > 1]
+    wide = [i for i in everybody if _view_count(own[i]) > 1]
     choices = [everybody] if wide == everybody else [everybody, wide]
     for sharing in choices:
         if len(sharing) < 2:
@@ -112,6 +112,11 @@ def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
             best = together
             least = work
     return best
+
+
+def _view_count(plan: Plan) -> int:
+    """Return how many views a plan captures."""
+    return len({request.view for request in plan.requests})
 
 
 def _work(plans: Sequence[Plan]) -> float:

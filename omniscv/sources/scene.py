@@ -70,7 +70,7 @@ class SceneSource(Source):
         made: how many views were traced.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0915 - attributes alone
         self,
         scene: Scene,
         capabilities: Capabilities | None = None,

@@ -305,7 +305,7 @@ class Model:
             depth += 1
         return 2 * depth + (kind == "geom")
 
-    def _place(self, handle: Handle, pose: Pose) -> None:
+    def _place(self, handle: Handle, pose: Pose) -> None:  # noqa: PLR0915 - every kind of geom in one place
         """Move a body, with all that hangs on it, or a geom."""
         m = self.m
         d = self.d
