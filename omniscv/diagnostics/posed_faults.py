@@ -333,7 +333,7 @@ class Fit:
                 break
         return theta, after
 
-    def find(self) -> Found:  # noqa: PLR0915 - one solution, step by step
+    def find(self) -> Found:
         """Return what is off beyond doubt, the greatest gain first."""
         theta = np.zeros(len(_STEPS))
         matters = _MATTERS[self.possible]
