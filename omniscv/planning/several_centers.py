@@ -70,8 +70,11 @@ class SeveralCenters(Refinement):
         yield from self.finer()
 
     def _refine_depth(self) -> Generator[Round, Captures | None, float]:
-        """Yield finer depth while it resolves enough; return the price of a pixel that the last of it resolved,
-        ms; 0 without any."""
+        """Yield finer depth while it resolves enough.
+
+        Returns:
+            The price of a pixel that the last patches resolved, ms; 0 without any.
+        """
         search = self._search
         rate = 0.0
         most = math.inf
