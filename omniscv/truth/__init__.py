@@ -29,8 +29,17 @@ _NAMES = {
 }
 """By module, the public names."""
 
-_HOMES = {name: f"omniscv.truth.{module}:{name}" for module, names in _NAMES.items() for name in names}
-_HOMES["imu"] = "omniscv.sensor.imu:measure"
+
+def _homes() -> dict[str, str]:
+    """Return by public name where it is, ``MODULE:NAME``."""
+    homes = {"imu": "omniscv.sensor.imu:measure"}
+    for module, names in _NAMES.items():
+        for name in names:
+            homes[name] = f"omniscv.truth.{module}:{name}"
+    return homes
+
+
+_HOMES = _homes()
 
 __all__ = [
     "Flow", "Points", "RoomLayout", "SphericalBox", "amodal", "bfov", "boxes", "boxes3d", "flow", "fov_iou",

@@ -50,15 +50,28 @@ def exact_maps(
 ) -> tuple[Map, Map]:
     """Return (H, W) uint8 maps of edges and corners that no wall hides: ``255 exp(-d^2 / 2 sigma^2)``.
 
-    d is the distance, px, to the nearest sample of a curve or the nearest corner of a record, also across the
-    seam of a panorama; sigma is a share of the pixels of a full turn at the image's middle. Maps are 0
-    outside the view.
+    d is the distance, px, to the nearest sample of a curve or the nearest corner, also across the seam of a
+    panorama. Maps are 0 outside the view.
+
+    Args:
+        record: of the layout.
+        camera: of the image.
+        edge_sigma: of edges, as a share of the pixels of a full turn at the image's middle.
+        corner_sigma: of corners, as such a share.
+
+    Raises:
+        ArgumentError: no record of a layout.
     """
+    curves = []
+    corners = []
     try:
-        pieces = [piece for edge in record["edges"] for piece in edge["pieces"] if piece["visible_room"]]
-        curves = [pixel for piece in pieces for pixel in piece["pixels"]]
-        shown = [corner for corner in record["corners"] if corner["in_image"] and corner["visible_room"]]
-        corners = [corner["pixel"] for corner in shown]
+        for edge in record["edges"]:
+            for piece in edge["pieces"]:
+                if piece["visible_room"]:
+                    curves += piece["pixels"]
+        for corner in record["corners"]:
+            if corner["in_image"] and corner["visible_room"]:
+                corners.append(corner["pixel"])
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
     turn = 2 * np.pi / radians_per_pixel(camera)
@@ -74,9 +87,16 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     rectangle. Edges are Canny's; corners are where 3 x 3 pixels have three colours. Both are dilated by a
     pixel, blurred, scaled to 255. They are not exact. Unlike the published maps, they have no artefacts at
     the seam and the border.
+
+    Args:
+        record: of the layout.
+        camera: of the image.
+        pose: of the camera, world frame.
+
+    Raises:
+        ArgumentError: no record of a layout, or a camera that leaves pixels without a ray.
     """
     import cv2
-    from PIL import Image, ImageFilter
 
     room = room_of(record)
     rays = camera.unproject()
@@ -88,21 +108,26 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     mode = cv2.BORDER_WRAP if camera.wraps else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(surface, 0, 0, border, border, mode)
     padded = cv2.copyMakeBorder(padded, border, border, 0, 0, cv2.BORDER_REPLICATE)
-    digits = [(padded + 1) // _LEVELS**k % _LEVELS for k in range(3)]
+    digits = [(padded + 1) // _LEVELS**power % _LEVELS for power in range(3)]
     faces = np.stack(digits, axis=-1).astype(np.uint8) * np.uint8(255 // (_LEVELS - 1))
+    edges = cv2.Canny(faces, *_CANNY)
     around = np.lib.stride_tricks.sliding_window_view(np.pad(padded, 1, "edge"), (3, 3))
     ordered = np.sort(around.reshape(*padded.shape, 9), axis=-1)
     colors = 1 + np.count_nonzero(np.diff(ordered, axis=-1), axis=-1)
-    maps = []
-    for drawn, radius in (
-        (cv2.Canny(faces, *_CANNY), _ORIGINAL_EDGE),
-        (np.where(colors >= 3, 255, 0).astype(np.uint8), _ORIGINAL_CORNER),
-    ):
-        dilated = Image.fromarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)))
-        blurred = np.asarray(dilated.filter(ImageFilter.GaussianBlur(radius * longer)), np.float64)
-        inner = blurred[border:-border, border:-border]
-        maps.append(np.round(255 * inner / max(inner.max(), 1)).astype(np.uint8))
-    return maps[0], maps[1]
+    corners = np.where(colors >= 3, 255, 0).astype(np.uint8)
+    edge_map = _blurred(edges, _ORIGINAL_EDGE * longer, border)
+    return edge_map, _blurred(corners, _ORIGINAL_CORNER * longer, border)
+
+
+def _blurred(drawn: NDArray[np.uint8], radius_px: float, border_px: int) -> Map:
+    """Return a map of what is drawn: dilated by a pixel, blurred, without its border, scaled to 255."""
+    import cv2
+    from PIL import Image, ImageFilter
+
+    dilated = Image.fromarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)))
+    blurred = np.asarray(dilated.filter(ImageFilter.GaussianBlur(radius_px)), np.float64)
+    inner = blurred[border_px:-border_px, border_px:-border_px]
+    return np.asarray(np.round(255 * inner / max(inner.max(), 1)), np.uint8)
 
 
 def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]) -> Map:
@@ -140,7 +165,9 @@ def refuses(camera: Camera) -> str | None:
 
 
 def cor_id(room: Room, camera: Camera, pose: Pose) -> Array:
-    """Return (2N, 2) px, the corners of a room in an upright panorama; see the module.
+    """Return (2N, 2) px, the corners of a ``room`` in an upright panorama; see the module.
+
+    ``camera`` is that of the panorama, ``pose`` its pose in the world.
 
     Raises:
         ArgumentError: another camera, one that is not upright, or one outside the room.
@@ -149,8 +176,8 @@ def cor_id(room: Room, camera: Camera, pose: Pose) -> Array:
         raise ArgumentError(reason)
     if np.abs(pose.R_w_c[:, 1] - [0, 0, -1]).max() > _LEVEL:
         _, pitch, roll = pose.angles()
-        got = f"pitch {pitch:.6g} and roll {roll:.6g} degrees"
-        raise ArgumentError(f"expected an upright camera, got {got}; render it with both 0")
+        tilt = f"pitch {pitch:.6g} and roll {roll:.6g} degrees"
+        raise ArgumentError(f"expected an upright camera, got {tilt}; render it with both 0")
     x, y, z = pose.position.tolist()
     if not (room.floor_z < z < room.ceiling_z and inside(room, [x, y])):
         raise ArgumentError(f"expected a camera within the room, got one at {x:.6g}, {y:.6g}, {z:.6g}")
@@ -165,7 +192,10 @@ def cor_id(room: Room, camera: Camera, pose: Pose) -> Array:
 
 
 def corner_lines(layout: Mapping[str, Any], camera: Camera, pose: Pose) -> str:
-    """Return :func:`lines_of` the corners of the layout that a record describes, in a panorama."""
+    """Return :func:`lines_of` the corners of a ``layout``, a record, as :func:`cor_id` has them.
+
+    ``camera`` is that of the panorama, ``pose`` its pose in the world.
+    """
     return lines_of(cor_id(room_of(layout), camera, pose))
 
 
@@ -175,10 +205,18 @@ def lines_of(corners: Array) -> str:
 
 
 def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
-    """Return the room that corners (2N, 2) of a panorama, as :func:`cor_id` orders them, describe around a
-    camera at the origin that looks along X, 1.6 m up; the ceiling's height is the mean over the pairs, as in
-    HorizonNet's evaluation. ArgumentError without pairs of a ceiling above the horizon and a floor below it,
-    in one column."""
+    """Return the room around a camera at the origin, 1.6 m up, that looks along X in a panorama.
+
+    The ceiling's height is the mean over the pairs of corners, as in HorizonNet's evaluation.
+
+    Args:
+        corners: (2N, 2) px of the panorama, as :func:`cor_id` orders them.
+        width: of the panorama, px.
+        height: of the panorama, px.
+
+    Raises:
+        ArgumentError: no pairs of a ceiling above the horizon and a floor below it, in one column.
+    """
     pixels = numbers("cor_id", corners, (None, 2))
     ceiling = pixels[0::2]
     floor = pixels[1::2]
@@ -186,10 +224,11 @@ def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
     if not paired or len(floor) < 3:
         raise ArgumentError("cor_id: expected at least 3 pairs of corners, a ceiling's above a floor's")
     theta = ((floor[:, 0] + 0.5) / width - 0.5) * 2 * np.pi
-    up, down = (np.pi * (0.5 - (row[:, 1] + 0.5) / height) for row in (ceiling, floor))
+    up = np.pi * (0.5 - (ceiling[:, 1] + 0.5) / height)
+    down = np.pi * (0.5 - (floor[:, 1] + 0.5) / height)
     if (up <= 0).any() or (down >= 0).any():
         raise ArgumentError("cor_id: expected ceilings above the horizon and floors below it")
     away = -CAMERA_HEIGHT_M / np.tan(down)
     plan = np.column_stack([away * np.cos(theta), -away * np.sin(theta)])[::-1]
-    names = tuple(f"Wall_{i + 1}" for i in range(len(plan)))
+    names = tuple(f"Wall_{number}" for number in range(1, len(plan) + 1))
     return Room(plan, -CAMERA_HEIGHT_M, float((away * np.tan(up)).mean()), names, "Floor", "Ceiling")

@@ -53,9 +53,10 @@ def project_layout(
 
     Args:
         room: as :func:`omniscv.truth.layout` returns it.
-        camera, pose: of the image, central or not.
-        depth: (H, W) metres along each pixel's ray from its own origin, for ``visible``.
-        tolerance: between depths that are taken for equal.
+        camera: of the image, central or not.
+        pose: of the camera, world frame.
+        depth: (H, W) metres along each pixel's ray from its own origin, for ``visible``; null without.
+        tolerance: between depths that are taken for equal; the default if not given.
 
     Returns:
         Plain JSON values; see the module.
@@ -68,7 +69,10 @@ def project_layout(
     allowed = tolerance or Tolerance()
 
     def flags(points_c: Array, pixels: Array, origins_c: Array) -> tuple[Flags, Flags | None]:
-        """(S,) ``visible_room`` and ``visible`` of points on the room's edges."""
+        """Return (S,) ``visible_room`` and ``visible`` of points on the room's edges.
+
+        They are at ``points_c`` (S, 3), and their rays, from ``origins_c`` (S, 3), at ``pixels`` (S, 2).
+        """
         in_room = seen_in_room(room, pose, points_c, origins_c)
         if depth is None:
             return in_room, None
@@ -78,6 +82,10 @@ def project_layout(
     corners_c = pose.to_camera(corners_of(room))
     curves = sample_edges(camera, corners_c[ends[:, 0]], corners_c[ends[:, 1]])
     pieces = _pieces(curves, *flags(curves.points_c, curves.pixels, curves.origins_c))
+    edges = []
+    for number, kind in enumerate(kinds):
+        edge = {"id": number, "kind": kind, "corners": ends[number].tolist(), "planes": planes[number]}
+        edges.append({**edge, "pieces": pieces.get(number, [])})
     return {
         "version": VERSION,
         "source": known.source,
@@ -86,10 +94,7 @@ def project_layout(
         "ceiling": float(room.ceiling_z),
         "camera_height": float(pose.position[2] - room.floor_z),
         "corners": _corner_records(corners_of(room), corners_c, camera, flags),
-        "edges": [
-            {"id": i, "kind": kind, "corners": pair, "planes": names, "pieces": pieces.get(i, [])}
-            for i, (kind, pair, names) in enumerate(zip(kinds, ends.tolist(), planes, strict=True))
-        ],
+        "edges": edges,
     }
 
 
@@ -104,11 +109,14 @@ def room_of(record: Mapping[str, Any]) -> Room:
         if record["version"] != VERSION:
             raise ArgumentError(f"layout: expected version {VERSION}, got {shown(record['version'])}")
         corners_w = numbers("corners", [corner["world"] for corner in record["corners"]], (None, 3))
-        walls = [edge["planes"] for edge in record["edges"] if edge["kind"] != "vertical"]
+        planes = []  # the wall of each level edge, and the floor or ceiling that it meets
+        for edge in record["edges"]:
+            if edge["kind"] != "vertical":
+                planes.append(edge["planes"])
         count = len(corners_w) // 2
         floor = corners_w[:count]
         ceiling = corners_w[count:]
-        walls = [tuple(walls[i]) for i in range(2 * count)]
+        walls = [tuple(planes[number]) for number in range(2 * count)]
     except (KeyError, TypeError, IndexError) as cause:
         raise ArgumentError(f"layout: expected a record of a layout, got {shown(record)}") from cause
     uneven = max(np.ptp(floor[:, 2]), np.ptp(ceiling[:, 2]), np.abs(floor[:, :2] - ceiling[:, :2]).max())
@@ -133,19 +141,20 @@ def _corner_records(
     visible_room[seen] = in_room
     visible[seen] = in_room if in_full is None else in_full
     count = len(corners_w) // 2
-    return [
-        {
-            "id": i,
-            "kind": "floor" if i < count else "ceiling",
-            "world": corners_w[i].tolist(),
-            "camera": corners_c[i].tolist(),
-            "pixel": pixels[i].tolist() if in_image else None,
+    records = []
+    for number, in_image in enumerate(seen.tolist()):
+        corner = {
+            "id": number,
+            "kind": "floor" if number < count else "ceiling",
+            "world": corners_w[number].tolist(),
+            "camera": corners_c[number].tolist(),
+            "pixel": pixels[number].tolist() if in_image else None,
             "in_image": in_image,
-            "visible_room": bool(visible_room[i]),
-            "visible": None if in_full is None else bool(visible[i]),
+            "visible_room": bool(visible_room[number]),
+            "visible": None if in_full is None else bool(visible[number]),
         }
-        for i, in_image in enumerate(seen.tolist())
-    ]
+        records.append(corner)
+    return records
 
 
 def corners_of(room: Room) -> Array:
@@ -161,9 +170,13 @@ def edges_of(room: Room) -> tuple[NDArray[np.intp], list[str], list[list[str]]]:
     ring = np.column_stack([corner, np.roll(corner, -1)])
     ends = np.concatenate([ring, ring + count, np.column_stack([corner, corner + count])])
     kinds = ["floor"] * count + ["ceiling"] * count + ["vertical"] * count
-    walls = room.walls
-    planes = [[wall, level] for level in (room.floor, room.ceiling) for wall in walls]
-    return ends, kinds, planes + [[walls[i - 1], walls[i]] for i in range(count)]
+    planes = []
+    for level in (room.floor, room.ceiling):
+        for wall in room.walls:
+            planes.append([wall, level])
+    for number in range(count):
+        planes.append([room.walls[number - 1], room.walls[number]])
+    return ends, kinds, planes
 
 
 def _pieces(curves: Samples, in_room: Flags, in_full: Flags | None) -> dict[int, list[dict[str, Any]]]:

@@ -6,7 +6,7 @@ CFL's maps: :func:`map_scores`; source: cfernandezlab/CFL test_CFL.py.
 Plans are intersected by shapely (the extra ``evaluate``).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,8 @@ class LayoutScores(NamedTuple):
     """Scores of one panorama.
 
     Attributes:
-        iou_2d, iou_3d: intersection over union of the plans, of the volumes; 0 to 1.
+        iou_2d: intersection over union of the plans, 0 to 1.
+        iou_3d: intersection over union of the volumes, 0 to 1.
         corner_error: mean distance of corners, percent of the image's diagonal; None for unequal counts.
         pixel_error: percent of pixels with another of ceiling, wall and floor.
         rmse_m: of the depth along rays, metres, for a camera 1.6 m above the floor.
@@ -58,23 +59,28 @@ def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height:
     """Return the measures of predicted corners against the true ones.
 
     Args:
-        found, truth: (2N, 2) px as :mod:`omniscv.truth.layout_labels` orders them; the depth of a column is
-            that of the nearest wall, the ceiling is level.
-        width, height: of the panorama, px.
+        found: (2N, 2) px as :mod:`omniscv.truth.layout_labels` orders them; the depth of a column is that of
+            the nearest wall, the ceiling is level.
+        truth: the true corners, in the same form.
+        width: of the panorama, px.
+        height: of the panorama, px.
 
     Raises:
         ArgumentError: corners that no upright panorama has, or whose plan crosses itself.
         OmniscvError: shapely is not installed.
     """
-    rooms = [room_seen(corners, width, height) for corners in (found, truth)]
-    (area, other, shared) = _areas(rooms)
-    heights = [room.ceiling_z - room.floor_z for room in rooms]
-    volumes = area * heights[0] + other * heights[1]
-    volume = shared * min(heights)
-    (depth, kind), (true_depth, true_kind) = (_depth(room, width, height) for room in rooms)
+    room = room_seen(found, width, height)
+    true_room = room_seen(truth, width, height)
+    area, true_area, shared = _areas(room, true_room)
+    room_height = room.ceiling_z - room.floor_z
+    true_height = true_room.ceiling_z - true_room.floor_z
+    volumes = area * room_height + true_area * true_height
+    volume = shared * min(room_height, true_height)
+    depth, kind = _depth(room, width, height)
+    true_depth, true_kind = _depth(true_room, width, height)
     ratio = np.maximum(depth / true_depth, true_depth / depth)
     return LayoutScores(
-        iou_2d=shared / (area + other - shared),
+        iou_2d=shared / (area + true_area - shared),
         iou_3d=volume / (volumes - volume),
         corner_error=_corner_error(np.asarray(found), np.asarray(truth), width, height),
         pixel_error=100 * float((kind != true_kind).mean()),
@@ -101,8 +107,8 @@ def map_scores(found: ArrayLike, truth: ArrayLike) -> MapScores:
     prediction = np.asarray(found)
     expected = np.asarray(truth)
     if prediction.ndim != 2 or expected.ndim != 2 or expected.dtype != np.uint8:
-        got = shown((prediction.shape, expected.shape, expected.dtype.name))
-        raise ArgumentError(f"maps: expected (H, W) numbers and a uint8 (H, W) map, got {got}")
+        kinds = shown((prediction.shape, expected.shape, expected.dtype.name))
+        raise ArgumentError(f"maps: expected (H, W) numbers and a uint8 (H, W) map, got {kinds}")
     size = prediction.shape[::-1]
     resized = np.asarray(Image.fromarray(expected).resize(size)) / 255.0
     positive = prediction > _PREDICTED_ABOVE
@@ -119,17 +125,17 @@ def _ratio(part: float, whole: float) -> float:
     return float(part / whole) if whole else 0.0
 
 
-def _areas(rooms: list[Room]) -> tuple[float, float, float]:
-    """Areas of two plans and of their intersection, square metres."""
+def _areas(first: Room, second: Room) -> tuple[float, float, float]:
+    """Return the areas of the plans of two rooms, and of their intersection, square metres."""
     try:
         from shapely import Polygon
     except ImportError as cause:
         raise OmniscvError("layout_scores: expected shapely; install omniscv[evaluate]") from cause
-    plans: list[Any] = [Polygon(room.corners_w) for room in rooms]
-    for plan in plans:
-        if not plan.is_valid:
-            raise ArgumentError("cor_id: expected corners in the order of a plan that does not cross itself")
-    return plans[0].area, plans[1].area, plans[0].intersection(plans[1]).area
+    plan = Polygon(first.corners_w)
+    other = Polygon(second.corners_w)
+    if not (plan.is_valid and other.is_valid):
+        raise ArgumentError("cor_id: expected corners in the order of a plan that does not cross itself")
+    return plan.area, other.area, plan.intersection(other).area
 
 
 def _depth(room: Room, width: int, height: int) -> tuple[Array, NDArray[np.int16]]:
@@ -140,8 +146,13 @@ def _depth(room: Room, width: int, height: int) -> tuple[Array, NDArray[np.int16
 
 
 def _corner_error(found: Array, truth: Array, width: int, height: int) -> float | None:
+    """Return the mean distance of corners, percent of the image's diagonal; None for unequal counts."""
     if found.shape != truth.shape:
         return None
-    predicted, true = (np.roll(px, -2 * int(px[1::2, 0].argmin()), axis=0) for px in (found, truth))
-    distance = np.linalg.norm(predicted - true, axis=1).mean()
+    distance = np.linalg.norm(_from_the_left(found) - _from_the_left(truth), axis=1).mean()
     return 100 * float(distance / np.hypot(width, height))
+
+
+def _from_the_left(corners: Array) -> Array:
+    """Return corners (2N, 2) in the same cyclic order, from the pair whose floor is leftmost."""
+    return np.roll(corners, -2 * int(corners[1::2, 0].argmin()), axis=0)

@@ -73,7 +73,9 @@ def boxes(
 
 def ids(names: Names) -> dict[str, int]:
     """Return object name to id."""
-    return dict(names) if isinstance(names, Mapping) else {name: i for i, name in enumerate(names, start=1)}
+    if isinstance(names, Mapping):
+        return dict(names)
+    return {name: number for number, name in enumerate(names, start=1)}
 
 
 def visible_ids(labels: Labels) -> set[int]:
@@ -121,7 +123,8 @@ def boxes3d(
 
     Args:
         boxes: by object name, world frame.
-        camera, pose: of the image.
+        camera: of the image.
+        pose: of the camera, world frame.
         names: of ids.
         classes: of names.
 
@@ -129,7 +132,11 @@ def boxes3d(
         Plain values, see :mod:`omniscv.frame.forms`; also ``center_world``, ``R_world_box``, and ``distance``
         of the centre from the camera's position. A box around points that were seen has ``partial``: true.
     """
-    known = sorted((instance, name) for name, instance in ids(names).items() if name in boxes)
+    known = []
+    for name, instance in ids(names).items():
+        if name in boxes:
+            known.append((instance, name))
+    known.sort()
     shares = truncated([boxes[name] for _, name in known], camera, pose)
     records = []
     for (instance, name), share in zip(known, shares, strict=True):
@@ -147,12 +154,16 @@ def boxes3d(
 
 
 def truncated(boxes: Sequence[ObjectBox], camera: Camera, pose: Pose) -> list[float]:
-    """Return the share of each box's surface that lies outside the image, 0 to 1, occluded or not."""
+    """Return which share of the surface of each of ``boxes`` lies outside the image, occluded or not, 0 to 1.
+
+    ``camera`` is that of the image, ``pose`` its pose in the world frame of the boxes.
+    """
     if not boxes:
         return []
-    points_w = np.stack([surface_w(box) for box in boxes])
+    points_w = np.stack(list(map(surface_w, boxes)))
     _, valid = camera.project(pose.to_camera(points_w))
-    return [float(share) for share in 1 - valid.mean(axis=1)]
+    outside: list[float] = (1 - valid.mean(axis=1)).tolist()
+    return outside
 
 
 def surface_w(box: ObjectBox) -> Array:
@@ -163,22 +174,37 @@ def surface_w(box: ObjectBox) -> Array:
 def boxes_around_points(
     points_w: Array, labels: Labels, usable: NDArray[np.bool_], names: Names
 ) -> dict[str, ObjectBox]:
-    """Return boxes along the world's axes around the visible points (H, W, 3), world frame, of named objects,
-    where a pixel's point surely is the object's (``usable``)."""
+    """Return boxes along the world's axes around the visible points of named objects.
+
+    Args:
+        points_w: (H, W, 3) metres, world frame, of the pixels.
+        labels: (H, W) ids.
+        usable: (H, W) where a pixel's point surely is the object's.
+        names: of ids.
+    """
     name_of = {instance: name for name, instance in ids(names).items()}
     around = {}
     for instance, box in _found(labels, name_of):
         points = points_w[box][(labels[box] == instance) & usable[box]]
         if len(points):
-            low, high = points.min(axis=0), points.max(axis=0)
+            low = points.min(axis=0)
+            high = points.max(axis=0)
             around[name_of[instance]] = ObjectBox((low + high) / 2, np.eye(3), high - low, "points")
     return around
 
 
-_ALONG = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-_SIDE = np.stack(np.meshgrid(_ALONG, _ALONG), axis=-1).reshape(-1, 2)
-_SIDES = [np.insert(_SIDE, axis, end, axis=1) for axis in range(3) for end in (-0.5, 0.5)]
-_SURFACE = np.concatenate(_SIDES)  # (216, 3) the middles of equal tiles of the sides of a box of size 1
+def _surface_of_unit_box() -> Array:
+    """Return (216, 3) the middles of equal tiles of the sides of a box of size 1."""
+    along = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    side = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    sides = []
+    for axis in range(3):
+        for end in (-0.5, 0.5):
+            sides.append(np.insert(side, axis, end, axis=1))
+    return np.concatenate(sides)
+
+
+_SURFACE = _surface_of_unit_box()
 
 
 # -- the truths -----------------------------------------------------------------------------------------
@@ -204,8 +230,13 @@ def _derive_boxes3d(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     image = frame.rendered()
     known = frame.geometry.boxes
     visible = visible_ids(frame.layer("labels"))
-    names = {name: instance for name, instance in frame.instances.items() if instance in visible}
-    unknown = {name: instance for name, instance in names.items() if name not in known}
+    names = {}
+    unknown = {}
+    for name, instance in frame.instances.items():
+        if instance in visible:
+            names[name] = instance
+            if name not in known:
+                unknown[name] = instance
     around = _boxes_from_depth(frame, unknown) if unknown and image.depth is not None else {}
     return boxes3d({**known, **around}, image.camera, image.pose, names, frame.classes)
 

@@ -68,27 +68,25 @@ def flow(  # noqa: PLR0915 - one formula, step by step
     Args:
         depth0: (H, W) metres along the rays of the first image; +inf is infinity; 0 has no flow.
         rays0: (H, W), of the first image's pixel centres, camera frame.
-        pose0, pose1: of the cameras.
+        pose0: of the first image's camera, world frame.
         camera1: of the second image.
+        pose1: of that camera, world frame.
         depth1: (H1, W1) of the second image; without it no point counts as occluded.
         labels: (H, W) of the first image; surfaces of label 0 have no flow.
         motions: by label, the motion of a rigid object between the images, ``p_w1 = motion.to_world(p_w0)``;
             None if it is unknown. Other objects do not move.
         wrap: see :data:`Wrap`.
-        tolerance_m, tolerance_rel: a point is occluded if the second depth is nearer by more than the larger
-            of these: metres, and a share of the distance.
+        tolerance_m: metres. A point is occluded if the second depth is nearer by more than this, and by more
+            than ``tolerance_rel``.
+        tolerance_rel: a share of the distance.
 
     Raises:
         ArgumentError: arrays of different sizes, motions without labels, or a wrong option.
     """
     one_of("wrap", wrap, get_args(Wrap))
-    allowed = {"tolerance_m": tolerance_m, "tolerance_rel": tolerance_rel}
-    tolerance = Tolerance(*(number(name, value, least=0) for name, value in allowed.items()))
-    if motions and labels is None:
-        raise ArgumentError("motions: expected labels with them, got none")
-    for name, array in (("rays0", rays0.valid), ("labels", labels)):
-        if array is not None and array.shape != depth0.shape:
-            raise ArgumentError(f"{name}: expected the size of depth0, {depth0.shape}, got {array.shape}")
+    allowed_m = number("tolerance_m", tolerance_m, least=0)
+    tolerance = Tolerance(allowed_m, number("tolerance_rel", tolerance_rel, least=0))
+    _check(depth0, rays0, labels, motions)
     seen = rays0.valid & (depth0 > 0)
     if labels is not None:
         seen &= (labels > 0) | np.isposinf(depth0)
@@ -101,31 +99,47 @@ def flow(  # noqa: PLR0915 - one formula, step by step
     occlusion = None if depth1 is None else _Occlusion(camera1, depth1, tolerance)
 
     def fill(rows: slice) -> None:
-        mine = seen[rows]
-        objects = None if labels is None else labels[rows][mine]
-        depth = depth0[rows][mine].astype(np.float64)
-        directions = rays0.directions[rows][mine]
-        origins = rays0.origins[rows][mine]
+        shown = seen[rows]
+        objects = None if labels is None else labels[rows][shown]
+        depth = depth0[rows][shown].astype(np.float64)
+        directions = rays0.directions[rows][shown]
+        origins = rays0.origins[rows][shown]
         points_c1, scene = _move(pose0, pose1, motions, depth, directions, origins, objects)
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
         if occlusion is not None:
             mask[known] = np.where(occlusion(target[known], points_c1[known]), OCCLUDED, mask[known])
-        row, column = np.nonzero(mine)
+        row, column = np.nonzero(shown)
         target -= np.column_stack([column, row + rows.start]) + 0.5
         if wrap == "shortest" and camera1.wraps:
-            half = camera1.width / 2
-            target[:, 0] = (target[:, 0] + half) % camera1.width - half
-        result.pixels[rows][mine] = target
-        result.mask[rows][mine] = mask
-        result.scene[rows][mine] = scene
+            target[:, 0] = _shortest(target[:, 0], camera1.width)
+        result.pixels[rows][shown] = target
+        result.mask[rows][shown] = mask
+        result.scene[rows][shown] = scene
 
     row_blocks(fill, height, width)
     return result
 
 
+def _check(
+    depth0: NDArray[Any], rays0: Rays, labels: NDArray[Any] | None, motions: Mapping[int, Pose | None]
+) -> None:
+    """Raise ArgumentError for motions without labels, and arrays of another size than the depth."""
+    if motions and labels is None:
+        raise ArgumentError("motions: expected labels with them, got none")
+    for name, array in (("rays0", rays0.valid), ("labels", labels)):
+        if array is not None and array.shape != depth0.shape:
+            raise ArgumentError(f"{name}: expected the size of depth0, {depth0.shape}, got {array.shape}")
+
+
+def _shortest(across: Array, width: int) -> Array:
+    """Return horizontal flow in a panorama, px, across its seam where that is shorter."""
+    half = width / 2
+    return (across + half) % width - half
+
+
 def motion(before: Pose, after: Pose) -> Pose:
-    """Return how an object moved, from its pose before and after: ``p_w1 = motion.to_world(p_w0)``."""
+    """Return how an object moved, by its poses ``before`` and ``after``: ``p_w1 = motion.to_world(p_w0)``."""
     return after @ before.inverse()
 
 
@@ -151,14 +165,15 @@ def _move(
         points_c1[infinite] = _INFINITY_M * (directions[infinite] @ T_c1_c0.rotation.T)
         scene[infinite] = np.nan
     for label, motion in motions.items():
-        mine = labels == label
+        is_object = labels == label
         if motion is None:
-            points_c1[mine] = scene[mine] = np.nan
+            points_c1[is_object] = np.nan
+            scene[is_object] = np.nan
         else:
-            points_w = pose0.to_world(points_c0[mine])
+            points_w = pose0.to_world(points_c0[is_object])
             moved_w = motion.to_world(points_w)
-            points_c1[mine] = pose1.to_camera(moved_w)
-            scene[mine] = moved_w - points_w
+            points_c1[is_object] = pose1.to_camera(moved_w)
+            scene[is_object] = moved_w - points_w
     return points_c1, scene
 
 

@@ -41,7 +41,9 @@ class Points:
 
     def select(self, index: NDArray[Any]) -> Points:
         """Return some of the points, by (N,) bool or by their indices."""
-        values = {name: array[index] for name, array in self.values.items()}
+        values = {}
+        for name, array in self.values.items():
+            values[name] = array[index]
         return Points(self.positions_w[index], self.distances[index], values)
 
 
@@ -74,10 +76,12 @@ def points(
         seen &= ~unsure
 
     def of_rows(rows: slice) -> Points:
-        mine = seen[rows]
-        distances = depth[rows][mine].astype(np.float64)
-        points_c = distances[:, None] * rays.directions[rows][mine] + rays.origins[rows][mine]
-        values = {name: array[rows][mine] for name, array in layers.items()}
+        shown = seen[rows]
+        distances = depth[rows][shown].astype(np.float64)
+        points_c = distances[:, None] * rays.directions[rows][shown] + rays.origins[rows][shown]
+        values = {}
+        for name, array in layers.items():
+            values[name] = array[rows][shown]
         if "normals" in values:
             values["normals"] = values["normals"] @ pose.R_w_c.T.astype(values["normals"].dtype)
         return Points(pose.to_world(points_c), distances, values)
@@ -86,9 +90,18 @@ def points(
 
 
 def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Points:
-    """Return the points of a frame with depth, with its normals, colours, labels, classes and doubt; ``rays``
-    are of its camera's pixel centres, and points are left out as :func:`inexact` says."""
-    layers = {name: frame.layer(name) for name in _VALUES if name in frame.files} | _doubt(frame)
+    """Return the points of a frame with depth, with its normals, colours, labels, classes and doubt.
+
+    Args:
+        frame: of a dataset.
+        rays: of its camera's pixel centres, camera frame.
+        max_relative: points are left out as :func:`inexact` says; None: none are.
+    """
+    layers = {}
+    for name in _VALUES:
+        if name in frame.files:
+            layers[name] = frame.layer(name)
+    layers |= _doubt(frame)
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
     left_out = [frame.layer("unsure")] if "unsure" in frame.files else []
@@ -131,9 +144,9 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
         seen &= ~inexact(frame, max_relative)
     distances = np.where(seen, depth.astype(np.float64), 0)  # where nothing is seen it may be infinite
     points = (rays.origins + distances[..., None] * rays.directions) @ R_LEVEL.T
-    columns: dict[str, NDArray[Any]] = {
-        axis: np.where(seen, points[..., i], np.nan).astype(np.float32) for i, axis in enumerate("xyz")
-    }
+    columns: dict[str, NDArray[Any]] = {}
+    for index, axis in enumerate("xyz"):
+        columns[axis] = np.where(seen, points[..., index], np.nan).astype(np.float32)
     if intensity:
         cosines = np.abs((frame.layer("normals") * frame.camera.unproject().directions).sum(axis=-1))
         albedo = uint8_colors(frame.layer("lit")).mean(axis=-1) / 255
@@ -144,7 +157,8 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
         columns["time"] = moving.seconds().astype(np.float32)
     for name, layer in frame.layers("labels", "classes").items():
         columns[{"labels": "label", "classes": "class"}[name]] = layer
-    columns |= {name: layer.view(np.uint8) for name, layer in _doubt(frame).items()}
+    for name, layer in _doubt(frame).items():
+        columns[name] = layer.view(np.uint8)
     table = np.empty(depth.shape, [(name, column.dtype.str) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column
@@ -160,7 +174,7 @@ def _doubt(frame: Frame) -> dict[str, NDArray[Any]]:
 def inexact(frame: Frame, max_relative: float) -> NDArray[np.bool_]:
     """Return (H, W) whether the bound on the error of depth is a larger part of it than ``max_relative``.
 
-    Nowhere, where the frame has no bounds.
+    If the ``frame`` has no bounds, no pixel is inexact.
     """
     depth = frame.layer("depth")
     if "depth_error" not in frame.files:
@@ -199,12 +213,15 @@ def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
 
 
 def _join(clouds: Sequence[Points]) -> Points:
-    layers = set.intersection(*(set(cloud.values) for cloud in clouds))
-    return Points(
-        np.concatenate([cloud.positions_w for cloud in clouds]),
-        np.concatenate([cloud.distances for cloud in clouds]),
-        {name: np.concatenate([cloud.values[name] for cloud in clouds]) for name in sorted(layers)},
-    )
+    """Return the points of clouds as one, with the layers that all of them have."""
+    layers = set(clouds[0].values)
+    for cloud in clouds:
+        layers &= cloud.values.keys()
+    values = {}
+    for name in sorted(layers):
+        values[name] = np.concatenate([cloud.values[name] for cloud in clouds])
+    positions_w = np.concatenate([cloud.positions_w for cloud in clouds])
+    return Points(positions_w, np.concatenate([cloud.distances for cloud in clouds]), values)
 
 
 def _cells(positions_w: Array, voxel_m: float) -> Array:

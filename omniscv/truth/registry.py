@@ -62,7 +62,7 @@ class Truth(WithOptions):
         return self.derive(frame, self.read_options(options))
 
     def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
-        """Return whether ``derive`` may use the renderer."""
+        """Return whether ``derive`` may use the renderer, by the ``geometry`` of a scene and ``options``."""
         captures = self.captures
         return captures(geometry, self.read_options(options)) if callable(captures) else captures
 
@@ -120,7 +120,10 @@ def get(name: str) -> Truth:
 
 def _object_poses(frame: Frame, options: NoOptions) -> dict[str, Any]:
     """Return by name the position (metres) and rotation of objects, world frame."""
-    return {name: pose.to_dict() for name, pose in sorted(frame.object_poses.items())}
+    poses = {}
+    for name, pose in sorted(frame.object_poses.items()):
+        poses[name] = pose.to_dict()
+    return poses
 
 
 register(Truth("poses", _object_poses, options=NoOptions))

@@ -62,7 +62,8 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
 
     Args:
         camera: of the image.
-        starts_c, ends_c: (E, 3) metres, camera frame.
+        starts_c: (E, 3) metres, camera frame.
+        ends_c: (E, 3) metres, camera frame.
     """
     edges = _Edges(starts_c, ends_c)
     edge, angle = edges.coarse(float(np.clip(_COARSE_PX * radians_per_pixel(camera), *_COARSE)))
@@ -87,9 +88,18 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
 
 
 def resolved(camera: Camera, points_c: Array, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the pixels (S, 2) of projected points (S, 3), camera frame, as files have them, the origins (S,
-    3) of their rays, and whether the rays pass the points within ``RESOLVED_M``: not at the tip of a conical
-    mirror."""
+    """Return pixels as files have them, the origins of their rays, and whether these pass their points.
+
+    A ray passes a point if it is within ``RESOLVED_M``. At the tip of a conical mirror it does not.
+
+    Args:
+        camera: of the image.
+        points_c: (S, 3) metres, camera frame.
+        pixels: (S, 2) px, at which the camera projects the points.
+
+    Returns:
+        (S, 2) px, rounded; (S, 3) metres, camera frame; (S,) bool.
+    """
     rounded = np.round(pixels, _DECIMALS)
     rays = camera.unproject(rounded)
     with np.errstate(invalid="ignore"):
@@ -126,11 +136,11 @@ class _Edges:
         first = np.arctan2(-self._nearest, self._away)
         last = np.arctan2(self._length - self._nearest, self._away)
         counts = np.ceil((last - first) / step).astype(int) + 1
-        angles = [np.linspace(*interval) for interval in zip(first, last, counts, strict=True)]
+        angles = list(map(np.linspace, first, last, counts))
         return np.repeat(np.arange(len(counts)), counts), np.concatenate(angles)
 
     def points(self, edge: NDArray[np.intp], angle: Array) -> Array:
-        """(S, 3) metres, camera frame."""
+        """Return (S, 3) metres, camera frame, the points at each ``angle``, radians, of each ``edge``, (S,)."""
         along = np.clip(self._nearest[edge] + self._away[edge] * np.tan(angle), 0, self._length[edge])
         return np.asarray(self._start[edge] + along[:, None] * self._direction[edge])
 
@@ -193,29 +203,35 @@ class RoomHits(NamedTuple):
 
 
 def first_hits(room: Room, origins_w: ArrayLike, directions_w: ArrayLike) -> RoomHits:
-    """Return the first surfaces of a room, both sides of which stop rays, that rays (..., 3) hit, world
-    frame; a ray with NaN in it hits nothing."""
+    """Return the first surfaces of a ``room`` that rays hit, from either side.
+
+    Rays start at ``origins_w`` (..., 3), metres, along ``directions_w`` (..., 3), unit, world frame. A ray
+    with NaN in it hits nothing.
+    """
     o, d = np.broadcast_arrays(np.asarray(origins_w, np.float64), np.asarray(directions_w, np.float64))
     distance = np.full(o.shape[:-1], np.inf)
     surface = np.full(o.shape[:-1], -1, np.int16)
     with np.errstate(all="ignore"):
-        for i, (start, end) in enumerate(_walls(room)):
+        for number, (start, end) in enumerate(_walls(room)):
             t = _wall_distance(room, start, end, o, d)
             nearer = t < distance
             distance = np.where(nearer, t, distance)
-            surface = np.where(nearer, np.int16(i), surface)
+            surface = np.where(nearer, np.int16(number), surface)
         count = len(room.corners_w)
-        for i, z in ((count, room.floor_z), (count + 1, room.ceiling_z)):
+        for number, z in ((count, room.floor_z), (count + 1, room.ceiling_z)):
             t = (z - o[..., 2]) / d[..., 2]
             nearer = (t > 0) & (t < distance)
             nearer[nearer] = inside(room, o[nearer, :2] + t[nearer, None] * d[nearer, :2])
             distance = np.where(nearer, t, distance)
-            surface = np.where(nearer, np.int16(i), surface)
+            surface = np.where(nearer, np.int16(number), surface)
     return RoomHits(distance, surface)
 
 
 def inside(room: Room, points_w: ArrayLike) -> NDArray[np.bool_]:
-    """Return which points (..., 2) of the ground plan, metres, world frame, lie within the walls."""
+    """Return which points ``points_w`` (..., 2) of the ground plan lie within the walls of a ``room``.
+
+    They are in metres, world frame.
+    """
     x, y = np.moveaxis(np.asarray(points_w, np.float64), -1, 0)
     crossed = np.zeros(x.shape, np.bool_)
     for (x0, y0), (x1, y1) in _walls(room):
@@ -230,9 +246,13 @@ def _walls(room: Room) -> list[tuple[Array, Array]]:
 
 
 def _wall_distance(room: Room, start: Array, end: Array, o: Array, d: Array) -> Array:
-    """(...) metres to the wall between two corners (2,); +inf for rays that miss it."""
+    """Return (...) metres to the wall between two corners (2,); +inf for rays that miss it.
+
+    Rays start at o (..., 3) along d (..., 3), world frame.
+    """
     along = end - start
-    x, y = start[0] - o[..., 0], start[1] - o[..., 1]
+    x = start[0] - o[..., 0]
+    y = start[1] - o[..., 1]
     turn = d[..., 0] * along[1] - d[..., 1] * along[0]
     t = (x * along[1] - y * along[0]) / turn
     s = (x * d[..., 1] - y * d[..., 0]) / turn
@@ -244,8 +264,14 @@ def _wall_distance(room: Room, start: Array, end: Array, o: Array, d: Array) -> 
 
 
 def seen_in_room(room: Room, pose: Pose, points_c: Array, origins_c: Array) -> Flags:
-    """Return (S,) whether no wall of a room hides points (S, 3) on its edges from the origins (S, 3) of their
-    rays; metres, camera frame."""
+    """Return (S,) whether no wall of a room hides points on its edges from the origins of their rays.
+
+    Args:
+        room: with these edges.
+        pose: of the camera, world frame.
+        points_c: (S, 3) metres, camera frame.
+        origins_c: (S, 3) metres, camera frame.
+    """
     offset = points_c - origins_c
     distance = np.linalg.norm(offset, axis=-1)
     hits = first_hits(room, pose.to_world(origins_c), (offset / distance[:, None]) @ pose.R_w_c.T)
@@ -261,6 +287,17 @@ def seen_in_depth(
     Each pixel around a point is compared along its own ray: its depth is that of the room's surface there, or
     of something else. The weighted majority of the 3 x 3 pixels decides. So silhouettes are exact to a
     fraction of a pixel, and surfaces at grazing angles do not hide themselves.
+
+    Args:
+        room: that the image shows.
+        camera: of the image.
+        pose: of the camera, world frame.
+        pixels: (S, 2) px of points on the room's edges.
+        depth: (H, W) metres along the rays.
+        tolerance: between depths that are taken for equal.
+
+    Raises:
+        ArgumentError: a depth of another size than the image.
     """
     image = np.asarray(depth)
     if image.shape != (camera.height, camera.width):

@@ -93,7 +93,8 @@ class Picture:
     """An image in memory, with the names of a :class:`Frame`.
 
     Attributes:
-        camera, pose: of the image.
+        camera: of the image.
+        pose: of the camera, world frame.
         files: its layers by name.
         instances: object name to the id that ``labels`` holds.
     """
@@ -107,7 +108,8 @@ class Picture:
     def of(cls, image: OmniImage) -> Self:
         """Return a rendered image with its own labels."""
         names = [] if image.objects is None else image.objects.names()
-        return cls(image.camera, image.pose, image.layers, {name: i for i, name in enumerate(names, 1)})
+        instances = {name: label for label, name in enumerate(names, start=1)}
+        return cls(image.camera, image.pose, image.layers, instances)
 
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer; ArgumentError without it."""
@@ -118,6 +120,14 @@ class Picture:
 
 
 class _Surfaces(NamedTuple):
+    """Points on surfaces of a room.
+
+    Attributes:
+        points_w: (N, 3) metres, world frame.
+        normals_w: (N, 3) unit, world frame.
+        names: (N,) of the objects that they lie on.
+    """
+
     points_w: Array
     normals_w: Array
     names: NDArray[np.str_]
@@ -141,18 +151,27 @@ def _fit_room(images: Sequence[Frame | Picture | OmniImage], classes: ClassTable
     Floor and ceiling are at the median height of points with vertical normals. Walls are lines through points
     with horizontal normals, by object and direction; corners are the intersections of those whose ends meet.
     """
-    pictures = [Picture.of(image) if isinstance(image, OmniImage) else image for image in images]
-    of_each = [_surfaces(picture, classes) for picture in pictures]
-    surfaces = _Surfaces(*map(np.concatenate, zip(*of_each, strict=True))) if of_each else None
-    if surfaces is None or not len(surfaces.names):
+    parts = []
+    for image in images:
+        picture = Picture.of(image) if isinstance(image, OmniImage) else image
+        parts.append(_surfaces(picture, classes))
+    if not any(len(part.names) for part in parts):
         objects = "objects named Layout*, or of the classes wall, floor and ceiling"
         raise ArgumentError(f"layout: expected images that show {objects}; got none")
+    surfaces = _Surfaces(
+        points_w=np.concatenate([part.points_w for part in parts]),
+        normals_w=np.concatenate([part.normals_w for part in parts]),
+        names=np.concatenate([part.names for part in parts]),
+    )
     up = surfaces.normals_w[:, 2]
     floor_z, floor = _level(surfaces, up > _LEVEL, "floor")
     ceiling_z, ceiling = _level(surfaces, up < -_LEVEL, "ceiling")
     walls = _ring(_walls(surfaces, np.abs(up) < _UPRIGHT))
-    corners = np.array([_meeting(walls[i - 1], walls[i]) for i in range(len(walls))])
-    room = Room(corners, floor_z, ceiling_z, tuple(wall.name for wall in walls), floor, ceiling)
+    corners = []
+    for index, wall in enumerate(walls):
+        corners.append(_meeting(walls[index - 1], wall))
+    names = tuple(wall.name for wall in walls)
+    room = Room(np.array(corners), floor_z, ceiling_z, names, floor, ceiling)
     residual_m = _residual(surfaces, room)
     if residual_m > LARGEST_RESIDUAL_M:
         wanted = f"upright walls between a level floor and a level ceiling within {LARGEST_RESIDUAL_M} m"
@@ -162,8 +181,13 @@ def _fit_room(images: Sequence[Frame | Picture | OmniImage], classes: ClassTable
 
 def _surfaces(image: Frame | Picture, classes: ClassTable | None) -> _Surfaces:
     """The points of an image on objects that are surfaces of the room."""
-    depth, labels, normals = (image.layer(name) for name in ("depth", "labels", "normals"))
-    name_of = {label: name for name, label in image.instances.items() if is_room(name, classes)}
+    depth = image.layer("depth")
+    labels = image.layer("labels")
+    normals = image.layer("normals")
+    name_of = {}
+    for name, label in image.instances.items():
+        if is_room(name, classes):
+            name_of[label] = name
     rays = image.camera.unproject()
     use = rays.valid & np.isin(labels, list(name_of)) & np.isfinite(depth) & (depth > 0)
     use &= np.abs(np.linalg.norm(normals, axis=-1) - 1) < 1e-2
@@ -179,7 +203,7 @@ def _surfaces(image: Frame | Picture, classes: ClassTable | None) -> _Surfaces:
 
 
 def is_room(name: str, classes: ClassTable | None = None) -> bool:
-    """Return whether an object is a surface of the room, by its class or its name."""
+    """Return whether an object is a surface of the room, by its class in ``classes`` or its ``name``."""
     of_class = None if classes is None else classes.of(name)
     is_surface = of_class is not None and of_class.name.lower() in _CLASSES
     return is_surface or name.lower().startswith(_PREFIX)
@@ -197,9 +221,9 @@ def _walls(surfaces: _Surfaces, use: NDArray[np.bool_]) -> list[_Wall]:
     least = max(_LEAST_POINTS, int(np.count_nonzero(use)) // 2000)
     walls: list[_Wall] = []
     for name in np.unique(surfaces.names[use]).tolist():
-        mine = use & (surfaces.names == name)
-        points = surfaces.points_w[mine, :2]
-        normals = surfaces.normals_w[mine, :2]
+        of_object = use & (surfaces.names == name)
+        points = surfaces.points_w[of_object, :2]
+        normals = surfaces.normals_w[of_object, :2]
         while len(points) >= least:
             inliers = _largest_plane(points, normals)
             if np.count_nonzero(inliers) < least:
@@ -238,12 +262,11 @@ def _walls_on_line(name: str, points: Array, normals: Array) -> list[_Wall]:
     if along @ [inward[1], -inward[0]] < 0:  # the room is on the left
         along = -along
     offsets = np.sort((points - center) @ along)
-    pieces = np.split(offsets, np.flatnonzero(np.diff(offsets) > _SPLIT_M) + 1)
-    return [
-        _Wall(name, center + piece[0] * along, center + piece[-1] * along)
-        for piece in pieces
-        if len(piece) > 1 and np.ptp(piece) > 0
-    ]
+    walls = []
+    for piece in np.split(offsets, np.flatnonzero(np.diff(offsets) > _SPLIT_M) + 1):
+        if len(piece) > 1 and np.ptp(piece) > 0:
+            walls.append(_Wall(name, center + piece[0] * along, center + piece[-1] * along))
+    return walls
 
 
 def _meeting(wall: _Wall, following: _Wall) -> Array:
@@ -273,20 +296,25 @@ def _ring(walls: list[_Wall]) -> list[_Wall]:
     least."""
     from scipy.optimize import linear_sum_assignment
 
-    largest = 1e6
-    gaps = [[largest if a is b else min(_gap(a, b), largest) for b in walls] for a in walls]
-    follower = linear_sum_assignment(np.array(gaps))[1].tolist() if len(walls) > 2 else []
+    largest = 1e6  # metres: of walls that do not follow each other
+    gaps = np.full((len(walls), len(walls)), largest)
+    for index, wall in enumerate(walls):
+        for other, following in enumerate(walls):
+            if other != index:
+                gaps[index, other] = min(_gap(wall, following), largest)
+    follower = linear_sum_assignment(gaps)[1].tolist() if len(walls) > 2 else []
     ring = list[int]()
-    wall = 0
-    while follower and wall not in ring:
-        ring.append(wall)
-        wall = follower[wall]
-    widest = max((gaps[i][follower[i]] for i in ring), default=largest)
+    widest = 0.0
+    index = 0
+    while follower and index not in ring:
+        ring.append(index)
+        widest = max(widest, gaps[index, follower[index]])
+        index = follower[index]
     if len(ring) < len(walls) or len(ring) < 3 or widest > 2 * WIDEST_GAP_M:
         names = ", ".join(sorted({wall.name for wall in walls})) or "none"
         wanted = "expected images that show every wall of one room, nearly from corner to corner"
         raise ArgumentError(f"layout: {wanted}; got walls that do not close: {names[:120]}")
-    return _merge_collinear([walls[i] for i in ring])
+    return _merge_collinear([walls[index] for index in ring])
 
 
 def _merge_collinear(ring: list[_Wall]) -> list[_Wall]:
@@ -308,10 +336,11 @@ def _join(wall: _Wall, following: _Wall) -> _Wall:
 
 def _residual(surfaces: _Surfaces, room: Room) -> float:
     """Rms distance, metres, of points to the nearest surface of the room."""
-    x = surfaces.points_w
-    nearest = np.minimum(np.abs(x[:, 2] - room.floor_z), np.abs(x[:, 2] - room.ceiling_z))
+    height = surfaces.points_w[:, 2]
+    plan = surfaces.points_w[:, :2]
+    nearest = np.minimum(np.abs(height - room.floor_z), np.abs(height - room.ceiling_z))
     for start, end in zip(room.corners_w, np.roll(room.corners_w, -1, axis=0), strict=True):
         along = end - start
-        share = np.clip((x[:, :2] - start) @ along / (along @ along), 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(x[:, :2] - start - share[:, None] * along, axis=1))
+        share = np.clip((plan - start) @ along / (along @ along), 0, 1)
+        nearest = np.minimum(nearest, np.linalg.norm(plan - start - share[:, None] * along, axis=1))
     return float(np.sqrt(np.mean(nearest**2)))

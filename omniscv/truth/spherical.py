@@ -27,8 +27,10 @@ class SphericalBox:
     """A box on the sphere; all angles in degrees.
 
     Attributes:
-        lon, lat: of the centre: -180 to 180, -90 to 90.
-        fov_h, fov_v: across and down.
+        lon: of the centre, -180 to 180.
+        lat: of the centre, -90 to 90.
+        fov_h: across.
+        fov_v: down.
         rot: clockwise, -90 to 90.
         kind: the meaning of the angles.
     """
@@ -93,7 +95,7 @@ def lon_lat(directions: Array) -> tuple[Array, Array]:
 
 
 def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
-    """Return the exact intersection over union of two boxes.
+    """Return the exact intersection over union of two boxes, ``b1`` and ``b2``.
 
     The intersection is the spherical polygon inside eight great circles.
 
@@ -107,23 +109,26 @@ def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mappi
 
 
 def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
-    """Return FoV-IoU: the intersection over union of the boxes' angles as if they lay in one plane.
+    """Return FoV-IoU of two boxes, ``b1`` and ``b2``.
 
-    It is exact side by side at the horizon, approximate elsewhere, and ignores ``rot``.
+    That is the intersection over union of their angles as if they lay in one plane. It is exact side by side
+    at the horizon, approximate elsewhere, and ignores ``rot``.
 
     Source: Cao et al. 2022, Field-of-View IoU for object detection in 360 degree images.
 
     Raises:
         ArgumentError: as :func:`spherical_iou`.
     """
-    g = _perspective("b1", b1)
-    p = _perspective("b2", b2)
-    apart = (p.lon - g.lon + 180) % 360 - 180
-    shift = apart * np.cos(np.radians(g.lat + p.lat) / 2)
-    across = min(g.fov_h / 2, shift + p.fov_h / 2) - max(-g.fov_h / 2, shift - p.fov_h / 2)
-    down = min(g.lat + g.fov_v / 2, p.lat + p.fov_v / 2) - max(g.lat - g.fov_v / 2, p.lat - p.fov_v / 2)
-    both = max(0.0, across) * max(0.0, down)
-    return float(both / (g.fov_h * g.fov_v + p.fov_h * p.fov_v - both))
+    first = _perspective("b1", b1)
+    second = _perspective("b2", b2)
+    apart = (second.lon - first.lon + 180) % 360 - 180
+    shift = apart * np.cos(np.radians(first.lat + second.lat) / 2)
+    right = min(first.fov_h / 2, shift + second.fov_h / 2)
+    left = max(-first.fov_h / 2, shift - second.fov_h / 2)
+    upper = min(first.lat + first.fov_v / 2, second.lat + second.fov_v / 2)
+    lower = max(first.lat - first.fov_v / 2, second.lat - second.fov_v / 2)
+    both = max(0.0, right - left) * max(0.0, upper - lower)
+    return float(both / (first.fov_h * first.fov_v + second.fov_h * second.fov_v - both))
 
 
 def _perspective(name: str, box: SphericalBox | Mapping[str, Any]) -> SphericalBox:
@@ -146,16 +151,14 @@ def _clipped(polygon: Array, normals: Array) -> Array:
     for normal in normals:
         inside = polygon @ normal
         clipped = []
-        for i in range(len(polygon)):
-            a = polygon[i - 1]
-            b = polygon[i]
-            da = inside[i - 1]
-            db = inside[i]
-            if (da > _FLAT and db < -_FLAT) or (da < -_FLAT and db > _FLAT):
-                crossing = a * abs(db) + b * abs(da)
+        for index, corner in enumerate(polygon):
+            before = inside[index - 1]
+            here = inside[index]
+            if (before > _FLAT and here < -_FLAT) or (before < -_FLAT and here > _FLAT):
+                crossing = polygon[index - 1] * abs(here) + corner * abs(before)
                 clipped.append(crossing / np.linalg.norm(crossing))
-            if db >= -_FLAT:
-                clipped.append(b)
+            if here >= -_FLAT:
+                clipped.append(corner)
         polygon = np.array(clipped).reshape(-1, 3)
     return polygon
 

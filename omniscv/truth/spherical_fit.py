@@ -45,8 +45,8 @@ def bfov(mask: NDArray[np.bool_], rays: Rays, *, rotated: bool = False) -> dict[
         ArgumentError: an empty mask, or one of another shape.
     """
     if mask.shape != rays.valid.shape or not mask[rays.valid].any():
-        got = f"{int(np.count_nonzero(mask))} pixels of shape {mask.shape}"
-        raise ArgumentError(f"mask: expected pixels set within the rays' {rays.valid.shape}, got {got}")
+        pixels = f"{int(np.count_nonzero(mask))} pixels of shape {mask.shape}"
+        raise ArgumentError(f"mask: expected pixels set within the rays' {rays.valid.shape}, got {pixels}")
     labels = (mask & rays.valid).astype(np.uint16)
     upright, turned = bfovs(labels, lambda rows, columns: rays.directions[rows, columns], _wraps(rays))[1]
     return (turned if rotated else upright).to_dict()
@@ -66,12 +66,13 @@ def bfovs(
     boxes = ndimage.find_objects(labels)
     for instance, outline in _outlines(labels, directions_at, wrap).items():
         box = boxes[instance - 1]
-        rows, columns = np.nonzero(labels[box] == instance)
-        rows, columns = rows + box[0].start, columns + box[1].start
+        down, across = np.nonzero(labels[box] == instance)  # from the box's first pixel
+        rows = down + box[0].start
+        columns = across + box[1].start
         step = max(1, math.isqrt(len(outline)) // 4)
-        some = ((rows - box[0].start) % step == 0) & ((columns - box[1].start) % step == 0)
-        some[0] |= not some.any()
-        fitted = _fit(outline, directions_at(rows[some], columns[some]))
+        sampled = (down % step == 0) & (across % step == 0)
+        sampled[0] |= not sampled.any()
+        fitted = _fit(outline, directions_at(rows[sampled], columns[sampled]))
         if fitted is None:
             wide = _lonlat(directions_at(rows, columns))
             fitted = wide, wide
@@ -83,7 +84,9 @@ def _wraps(rays: Rays) -> bool:
     """Whether the first and the last column of an image are neighbours."""
     if rays.valid.shape[1] < 3:
         return False
-    first, second, last = (rays.directions[:, i] for i in (0, 1, -1))
+    first = rays.directions[:, 0]
+    second = rays.directions[:, 1]
+    last = rays.directions[:, -1]
     with np.errstate(invalid="ignore"):
         step = np.linalg.norm(first - second, axis=-1)
         seam = np.linalg.norm(first - last, axis=-1)
@@ -93,27 +96,18 @@ def _wraps(rays: Rays) -> bool:
 def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[int, Array]:
     """Return by id (N, 3) unit directions on the outline of its pixels: half way between a pixel inside and
     its neighbour outside; the pixel's own at an end of the image or of the view."""
-    height, width = labels.shape
-    pairs = []
-    for axis in (0, 1):
-        border = labels != np.roll(labels, -1, axis)
-        if axis == 0:
-            border[-1] = False
-        elif not wrap:
-            border[:, -1] = False
-        rows, columns = np.nonzero(border)
-        pairs.append((rows, columns, (rows + (axis == 0)) % height, (columns + (axis == 1)) % width))
-    r0, c0, r1, c1 = (np.concatenate(indices) for indices in zip(*pairs, strict=True))
+    rows, columns, next_rows, next_columns = _borders(labels, wrap)
     ends = np.zeros(labels.shape, bool)
     ends[[0, -1]] = True
     if not wrap:
         ends[:, [0, -1]] = True
-    re, ce = np.nonzero(ends & (labels > 0))
-    owners = labels[np.concatenate([r0, r1, re]), np.concatenate([c0, c1, ce])]
-    both = directions_at(np.concatenate([r0, r1]), np.concatenate([c0, c1]))
-    a = both[: len(r0)]
-    b = both[len(r0) :]
-    at_ends = directions_at(re, ce)
+    end_rows, end_columns = np.nonzero(ends & (labels > 0))
+    owner_rows = np.concatenate([rows, next_rows, end_rows])
+    owners = labels[owner_rows, np.concatenate([columns, next_columns, end_columns])]
+    both = directions_at(np.concatenate([rows, next_rows]), np.concatenate([columns, next_columns]))
+    a = both[: len(rows)]
+    b = both[len(rows) :]
+    at_ends = directions_at(end_rows, end_columns)
     middle = np.where(np.isnan(a), b, np.where(np.isnan(b), a, a + b))
     points = np.concatenate([middle, middle, at_ends])
     usable = (owners > 0) & ~np.isnan(points[:, 0])
@@ -123,6 +117,24 @@ def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[i
     order = np.argsort(owners, kind="stable")
     instances, starts = np.unique(owners[order], return_index=True)
     return dict(zip(instances.tolist(), np.split(points[order], starts[1:]), strict=True))
+
+
+def _borders(labels: Labels, wrap: bool) -> tuple[NDArray[np.intp], ...]:
+    """Return rows and columns of pixels with another label than the next pixel below or right, and of that."""
+    width = labels.shape[1]
+    below = labels != np.roll(labels, -1, axis=0)
+    below[-1] = False
+    beside = labels != np.roll(labels, -1, axis=1)
+    if not wrap:
+        beside[:, -1] = False
+    upper_rows, upper_columns = np.nonzero(below)
+    left_rows, left_columns = np.nonzero(beside)
+    return (
+        np.concatenate([upper_rows, left_rows]),
+        np.concatenate([upper_columns, left_columns]),
+        np.concatenate([upper_rows + 1, left_rows]),
+        np.concatenate([upper_columns, (left_columns + 1) % width]),
+    )
 
 
 def _fit(outline: Array, samples: Array) -> tuple[SphericalBox, SphericalBox] | None:
@@ -194,13 +206,14 @@ def _search(points: Array, middle: Array, turns: Array, steps: int, best: Array)
 
 def _lonlat(directions: Array) -> SphericalBox:
     """The smallest range of longitudes, and of latitudes, of directions (N, 3)."""
-    lon, lat = (np.degrees(angles) for angles in lon_lat(directions))
+    lon, lat = np.degrees(lon_lat(directions))
     occupied = np.flatnonzero(np.bincount(((lon + 180) / 360 * _BINS).astype(int) % _BINS, minlength=_BINS))
     gaps = np.diff(occupied, append=occupied[0] + _BINS)
     widest = int(gaps.argmax())
     start = occupied[(widest + 1) % len(occupied)]
     across = _BINS - gaps[widest] + 1
-    low, high = float(lat.min()), float(lat.max())
+    low = float(lat.min())
+    high = float(lat.max())
     if across >= _BINS * 0.99:
         start = 0
         across = _BINS
@@ -219,6 +232,7 @@ def _derive(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     name_of = {instance: name for name, instance in frame.instances.items()}
 
     def directions(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+        """Return (N, 3) unit directions of the centres of pixels by ``rows`` and ``columns`` (N,)."""
         return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
 
     boxes = bfovs(frame.layer("labels"), directions, camera.wraps)

@@ -101,7 +101,9 @@ def amodal(
             px_visib = int(visible[instance])
             entry: dict[str, Any] = {"instance_id": instance, "name": box["name"]}
             entry |= {"px_all": px_all, "px_visib": px_visib, "visib_fract": px_visib / px_all}
-            entry |= {key: box[key] for key in ("bbox", "bbox_wrap") if key in box}
+            entry["bbox"] = box["bbox"]
+            if wrap:
+                entry["bbox_wrap"] = box["bbox_wrap"]
             if masks:
                 entry["segmentation"] = run_lengths(alone == instance)
             records.append(entry)
@@ -114,25 +116,44 @@ def groups_apart(
     """Return objects in few groups in which none can occlude another; the same groups on every run.
 
     Each object is bounded by the ball around its box, seen from anywhere in a ball around the image's optical
-    centres, ``center_w`` (3,) and ``radius``, metres. An object without a box is a group of its own.
+    centres. An object without a box is a group of its own.
+
+    Args:
+        names: of the objects.
+        boxes: by object name, world frame.
+        center_w: (3,) metres, world frame, of the ball around the optical centres.
+        radius: of that ball, metres.
     """
-    cones = {name: _cone(boxes[name], center_w, radius) for name in names if name in boxes}
+    cones: dict[str, _Cone] = {}
+    without_box = []
+    for name in sorted(set(names)):
+        if name in boxes:
+            cones[name] = _cone(boxes[name], center_w, radius)
+        else:
+            without_box.append((name,))
     groups: list[list[str]] = []
     for name in sorted(cones, key=lambda name: (-cones[name][1], name)):  # wide cones first
         for group in groups:
-            axis, half_angle = cones[name]
-            others = [cones[other] for other in group]
-            if all(np.arccos(np.clip(axis @ other, -1, 1)) > half_angle + half for other, half in others):
+            if all(_are_apart(cones[name], cones[other]) for other in group):
                 group.append(name)
                 break
         else:
             groups.append([name])
-    without_box = [(name,) for name in sorted(set(names) - set(cones))]
-    return [*(tuple(group) for group in groups), *without_box]
+    return [*map(tuple, groups), *without_box]
 
 
-def _cone(box: ObjectBox, center_w: Array, radius: float) -> tuple[Array, float]:
-    """Axis (3,) and half angle, radians, of a cone in which a box is seen."""
+_Cone = tuple[Array, float]
+"""Axis (3,) and half angle, radians."""
+
+
+def _are_apart(first: _Cone, second: _Cone) -> bool:
+    """Return whether two cones from one point have no direction in common."""
+    between = np.arccos(np.clip(first[0] @ second[0], -1, 1))
+    return bool(between > first[1] + second[1])
+
+
+def _cone(box: ObjectBox, center_w: Array, radius: float) -> _Cone:
+    """Return a cone in which a box is seen."""
     offset = box.center_w - center_w
     distance = float(np.linalg.norm(offset))
     reach = float(np.linalg.norm(box.size)) / 2 + radius
@@ -196,9 +217,10 @@ def _labels_alone(frame: Frame, renderer: Renderer, names: Iterable[str]) -> Lab
     others = set(renderer.source.objects().names()) - set(names)
     with renderer.source.without(sorted(others)) as source:
         alone = renderer.of(source).render(image.camera, image.pose, ("object_mask",), image.options)
-    ranks = () if alone.objects is None else alone.objects.names()
-    ids = np.array([0, *(instances.get(name, 0) if name in names else 0 for name in ranks)], np.uint16)
-    return np.asarray(ids[alone["labels"]])
+    ids = [0]  # by the labels of the rendered image
+    for name in () if alone.objects is None else alone.objects.names():
+        ids.append(instances.get(name, 0) if name in names else 0)
+    return np.asarray(np.array(ids, np.uint16)[alone["labels"]])
 
 
 def _check(source: Source, *_: object) -> None:
