@@ -4,7 +4,7 @@ Its images are in one sheet: their colours, and smaller their labels, depth and 
 """
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,7 +93,8 @@ class DemoReport:
         """Yield the lines to print."""
         yield f"{self.captures} captures over TCP, {self.images} images in {self.seconds:.0f} s"
         yield f"{self.compared} layers recomposed from the recordings without the server: the same bytes"
-        yield from (f"contact sheet: {sheet}" for sheet in self.sheets)
+        for sheet in self.sheets:
+            yield f"contact sheet: {sheet}"
 
 
 def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoReport:
@@ -112,13 +113,16 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
     meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
     with ThreadPoolExecutor(len(ROOMS), thread_name_prefix="room") as pool:
         rooms = list(pool.map(lambda name: _room(name, out, meter, scale), ROOMS))
-    return DemoReport(
-        tuple(sheet for room in rooms for sheet in room.sheets),
-        sum(room.images for room in rooms),
-        sum(room.captures for room in rooms),
-        sum(room.compared for room in rooms),
-        time.monotonic() - started,
-    )
+    sheets: list[Path] = []
+    images = 0
+    captures = 0
+    compared = 0
+    for room in rooms:
+        sheets += room.sheets
+        images += room.images
+        captures += room.captures
+        compared += room.compared
+    return DemoReport(tuple(sheets), images, captures, compared, time.monotonic() - started)
 
 
 def _room(name: str, out: Path, meter: Meter, scale: int) -> DemoReport:
@@ -185,14 +189,11 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
         line_of_text(title, round(2.2 * em)),
         line_of_text("large: colour    beside it, downwards: labels, depth, normals", em),
     ]
-    wide, one, many = _SECTIONS
     for heading, columns in _SECTIONS.items():
         cell = (width - (columns - 1) * em) // columns
         tiles = {}
         for name, image in images.items():
-            camera = image.camera
-            is_wide = camera.width >= _WIDE * camera.height
-            if heading == (wide if is_wide else one if camera.central else many):
+            if _section(image.camera) == heading:
                 pixels = tile(image, most)
                 height = round(pixels.shape[0] * cell / pixels.shape[1])
                 tiles[name] = resized(pixels, (cell, height), transfer_shown(image))
@@ -201,37 +202,59 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     metres = np.linspace(1e-3, most, width // 2, dtype=np.float32)
     bar = colored_depth(np.tile(metres, (em, 1)), most)
     blocks.append(captioned({f"depth along the ray, 0 to {most:g} m; white: sky": bar}, 1, em))
-    seen = {int(label) for image in images.values() for label in np.unique(image["labels"])}
-    legend = {
-        name: np.full((em, width // 6, 3), objects.colors[name], np.uint8)
-        for name in objects.names()
-        if objects.label(name) in seen
-    }
-    blocks.append(captioned(legend, 5, em))
+    blocks.append(captioned(_legend(images.values(), objects, (em, width // 6)), 5, em))
     widest = max(block.shape[1] for block in blocks)
-    padding = [((0, 0), (0, widest - block.shape[1]), (0, 0)) for block in blocks]
-    page = [np.pad(block, pad, constant_values=255) for block, pad in zip(blocks, padding, strict=True)]
+    page = []
+    for block in blocks:
+        padding = (0, 0), (0, widest - block.shape[1]), (0, 0)
+        page.append(np.pad(block, padding, constant_values=255))
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.concatenate(page)).save(path, compress_level=3)
     return path
 
 
+def _section(camera: Camera) -> str:
+    """Return the heading under which a camera's image stands."""
+    panoramas, one_center, many_centers = _SECTIONS
+    if camera.width >= _WIDE * camera.height:
+        return panoramas
+    return one_center if camera.central else many_centers
+
+
+def _legend(images: Iterable[OmniImage], objects: ObjectTable, size: tuple[int, int]) -> dict[str, Picture]:
+    """Return by name a field, of a height and width, in the colour of each object that an image shows."""
+    seen: set[int] = set()
+    for image in images:
+        seen.update(np.unique(image["labels"]).tolist())
+    legend = {}
+    for name in objects.names():
+        if objects.label(name) in seen:
+            legend[name] = np.full((*size, 3), objects.colors[name], np.uint8)
+    return legend
+
+
 def tile(image: OmniImage, most: float) -> Picture:
-    """Return (H, 4/3 W, 3) RGB: the colours, and beside them, a third as large, labels, depth and normals."""
+    """Return (H, 4/3 W, 3) RGB of an ``image``: its colours, and beside them, a third as large, its labels,
+    depth and normals. ``most`` is the depth, metres, at the end of the colour scale."""
     return beside(picture(image, "lit"), truths(image, most))
 
 
 def beside(large: Picture, small: Sequence[Picture]) -> Picture:
-    """Return a picture with a column of others on its right, scaled to the same height together."""
+    """Return the picture ``large`` with a column of ``small`` ones on its right, together as high."""
     height, width = large.shape[:2]
-    column = np.full((height, width // len(small) + _LINE_PX, 3), _PAPER, np.uint8)
-    edges = [round(k * (height + _LINE_PX) / len(small)) for k in range(len(small) + 1)]
-    for image, above, below in zip(small, edges, edges[1:], strict=False):
+    count = len(small)
+    column = np.full((height, width // count + _LINE_PX, 3), _PAPER, np.uint8)
+    for number, image in enumerate(small):
+        above = round(number * (height + _LINE_PX) / count)
+        below = round((number + 1) * (height + _LINE_PX) / count)
         size = column.shape[1] - _LINE_PX, below - above - _LINE_PX
         column[above : below - _LINE_PX, _LINE_PX:] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return np.hstack([large, column])
 
 
 def truths(image: OmniImage, most: float) -> tuple[Picture, Picture, Picture]:
-    """Return (H, W, 3) RGB of an image's labels, depth and normals."""
+    """Return (H, W, 3) RGB of the labels, depth and normals of an ``image``.
+
+    ``most`` is the depth, metres, at the end of the colour scale.
+    """
     return picture(image, "labels"), picture(image, "depth", most), picture(image, "normals")

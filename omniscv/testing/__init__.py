@@ -65,7 +65,10 @@ def _arguments(request: pytest.FixtureRequest, name: str) -> dict[str, Any]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Store whether a test has passed, for the fixtures that are torn down after it."""
+    """Store whether a test, the ``item``, has passed, for fixtures that are torn down after it.
+
+    ``call`` is the phase that has ended.
+    """
     report = yield
     if report.when != "teardown":
         item.stash[_passed] = report.when == "call" and report.passed
@@ -101,6 +104,8 @@ def recorded_dir(request: pytest.FixtureRequest) -> Path:
 def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Iterator[Source]:
     """A source that replays a recording, named by ``@pytest.mark.recorded(file)`` or after the test.
 
+    It is in the folder that the fixture ``recorded_dir`` returns for the module of the ``request``.
+
     pytest-recording's ``--record-mode`` decides whether it records:
 
     ==============  =================================================================
@@ -116,9 +121,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     from omniscv.sources.recording import RecordedSource, Recording
     from omniscv.sources.recording.files import publish, target_of, written_for
 
-    file = _arguments(request, "recorded")["file"]
-    of_test = "".join("-" if c in "<>?%*:|\"'/\\" else c for c in request.node.name)
-    path = recorded_dir / (file or f"{of_test}.sqlite")
+    path = recorded_dir / _recording_name(request)
     mode = request.config.getoption("--record-mode", None) or "none"
     if mode == "none" or (mode == "once" and _holds_captures(path)):
         if not path.exists():
@@ -135,6 +138,15 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
             yield recording
         if request.node.stash.get(_passed, False):
             publish(written, target)
+
+
+def _recording_name(request: pytest.FixtureRequest) -> str:
+    """Return the name of a test's recording: as its marker gives it, else its own, as a name of a file."""
+    file: str | None = _arguments(request, "recorded")["file"]
+    if file:
+        return file
+    name = request.node.name.translate(str.maketrans(dict.fromkeys("<>?%*:|\"'/\\", "-")))
+    return f"{name}.sqlite"
 
 
 def _holds_captures(path: Path) -> bool:

@@ -23,14 +23,27 @@ def face_requests(source: Source, position: Sequence[float], edge: int) -> list[
     """Return requests in all modes of the faces of cubes at two positions, as the source covers them.
 
     Those of a recording are of its first views.
+
+    Args:
+        source: open.
+        position: (3,) metres, world frame, the first of both.
+        edge: of pictures, px, if the source can choose.
     """
     own = source.capabilities
-    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge))
-    centers = np.asarray(position, float), np.add(position, ASIDE)
-    faces = [View(Pose(at, R_w_c), *shape) for at in centers for _, R_w_c in cube_rotations()]
+    fov_deg = own.fov_deg or 90.0
+    width, height = own.image_size or (edge, edge)
+    views: list[View] = []
     recorded = source.recorded_views()
-    views = [view for face in faces for view in source.cover(face)] if recorded is None else recorded[:16]
-    return [Request(view, mode) for mode in sorted(source.capabilities.modes) for view in views]
+    if recorded is not None:
+        views += recorded[:16]
+    else:
+        for center in (np.asarray(position, float), np.add(position, ASIDE)):
+            for _, R_w_c in cube_rotations():
+                views += source.cover(View(Pose(center, R_w_c), fov_deg, width, height))
+    requests = []
+    for mode in sorted(source.capabilities.modes):
+        requests += [Request(view, mode) for view in views]
+    return requests
 
 
 def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), edge: int = 16) -> None:
@@ -55,7 +68,8 @@ def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), ed
 
 
 def check_order(source: Source, requests: Sequence[Request]) -> None:
-    """Captures come in the order of requests, which are read as captures are taken; calls may interleave."""
+    """Captures of a ``source`` come in the order of ``requests``, which are read as captures are taken; calls
+    may interleave."""
     mixed = [*requests[::5], *requests[3::7], *requests[:3]]
     captures = list(source.capture(mixed))
     assert [capture.request for capture in captures] == mixed
@@ -72,21 +86,26 @@ def check_order(source: Source, requests: Sequence[Request]) -> None:
     assert next(endless).request == requests[0]
     assert len(read) <= 400, "more requests are read than a batch"
     getattr(endless, "close", lambda: None)()
-    pairs = list(zip(source.capture(requests[:4]), source.capture(requests[4:8]), strict=True))
-    assert [[one.request, other.request] for one, other in pairs] == [
-        [one, other] for one, other in zip(requests[:4], requests[4:8], strict=True)
-    ]
+    first = source.capture(requests[:4])
+    second = source.capture(requests[4:8])
+    interleaved = []
+    for capture, other in zip(first, second, strict=True):
+        interleaved.append((capture.request, other.request))
+    assert interleaved == list(zip(requests[:4], requests[4:8], strict=True))
 
 
 def check_pixels(source: Source, requests: Sequence[Request]) -> None:
-    """Pixels have the dtype, shape and values of their modality, and what they show is described."""
+    """Pixels that a ``source`` gives for ``requests`` have the dtype, shape and values of their modality.
+
+    Their provenance is plain JSON.
+    """
     table = source.objects()
     for capture in source.capture(requests):
-        row = modalities.get(capture.mode)
+        modality = modalities.get(capture.mode)
         pixels = capture.pixels
         view = capture.view
         ids = bool(table.ids) and capture.mode == "object_mask"
-        assert row.fits(pixels) or (ids and pixels.dtype == np.uint16 and pixels.ndim == 2), capture.mode
+        assert modality.fits(pixels) or (ids and pixels.dtype == np.uint16 and pixels.ndim == 2), capture.mode
         assert pixels.shape[:2] == (view.height, view.width)
         assert not pixels.flags.writeable, "pixels can be written into"
         if capture.mode == "depth":
@@ -100,15 +119,21 @@ def check_pixels(source: Source, requests: Sequence[Request]) -> None:
 
 
 def check_objects(source: Source, requests: Sequence[Request]) -> None:
-    """Objects have the same names and colours after captures, and labels in the order of names."""
+    """Objects of a ``source`` have the same names and colours after captures of the first ``requests``.
+
+    Their labels are in the order of names.
+    """
     before = source.objects()
     list(source.capture(requests[:2]))
     assert source.objects() == before
-    assert [before.label(name) for name in before.names()] == list(range(1, 1 + len(before.names())))
+    assert list(map(before.label, before.names())) == list(range(1, 1 + len(before.names())))
 
 
 def check_rays(source: Source, requests: Sequence[Request]) -> None:
-    """Rays meet what pictures show at the middles of their pixels, but for a pixel in a hundred at edges."""
+    """Rays of a ``source`` meet what its pictures show at the middles of their pixels.
+
+    A pixel in a hundred may differ, at edges. Pictures are those of some ``requests`` that are no colours.
+    """
     masks = source.objects().mask_values()
     for capture in source.capture([request for request in requests if request.mode != "lit"][::7]):
         view = capture.view
@@ -141,8 +166,8 @@ AZIMUTHS = np.linspace(-np.pi, np.pi, 25)
 
 def all_pixels(camera: Camera) -> Floats:
     """Return (N, 2) the centres and the corners of all pixels: the image's middle, edges, seam and poles."""
-    u, v = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
-    return np.concatenate([camera.pixels().reshape(-1, 2), np.stack([u, v], axis=-1).reshape(-1, 2)])
+    corners = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    return np.concatenate([camera.pixels().reshape(-1, 2), np.stack(corners, axis=-1).reshape(-1, 2)])
 
 
 def last_pixels(camera: Camera) -> Any:
@@ -153,11 +178,13 @@ def last_pixels(camera: Camera) -> Any:
         return pixels
     anchor = pixels[np.argmin(np.linalg.norm(pixels - camera.center, axis=1))]
     toward = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
-    low, high = np.zeros(len(toward)), np.full(len(toward), 2.0 * (camera.width + camera.height))
+    low = np.zeros(len(toward))
+    high = np.full(len(toward), 2.0 * (camera.width + camera.height))
     for _ in range(80):
         middle = (low + high) / 2
         inside = camera.valid(anchor + middle[:, None] * toward)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        low = np.where(inside, middle, low)
+        high = np.where(inside, high, middle)
     last = anchor + low[:, None] * toward
     # Next to a cone's tip (a border, too) the points on neighbouring rays are one point in float64.
     return last[np.linalg.norm(last - camera.center, axis=1) > 1e-9]
@@ -186,7 +213,10 @@ def round_trip_error(camera: Camera) -> float:
 
 
 def see_one_ray(camera: Camera, pixels: Floats, others: Floats) -> Any:
-    """Return (N,) whether two pixels see one ray, as at a seam or pole, to within the tolerance."""
+    """Return (N,) whether ``pixels`` and ``others`` of a ``camera``, (N, 2), see one ray each.
+
+    They do at a seam or pole, to within the tolerance.
+    """
     rays = camera.unproject(pixels)
     same = camera.unproject(others)
     around = PIXEL_TOLERANCE * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[:, None]
@@ -229,9 +259,10 @@ def check_arrays(camera: Camera) -> None:
 
 def check_outside(camera: Camera) -> None:
     """Pixels outside the image and pixels that are not finite have no ray."""
-    w, h = camera.width, camera.height
-    beside = [(-1e-9, h / 2), (w + 1e-9, h / 2), (w / 2, -1e-9), (w / 2, h + 1e-9), (1e300, -1e300)]
-    nowhere = [(np.nan, h / 2), (w / 2, np.nan), (np.inf, h / 2), (w / 2, -np.inf)]
+    u = camera.width / 2
+    v = camera.height / 2
+    beside = [(-1e-9, v), (2 * u + 1e-9, v), (u, -1e-9), (u, 2 * v + 1e-9), (1e300, -1e300)]
+    nowhere = [(np.nan, v), (u, np.nan), (np.inf, v), (u, -np.inf)]
     assert not camera.valid(np.array(beside + nowhere)).any()
 
 
@@ -281,7 +312,10 @@ def check_projection(
 
 
 def changes_by_a_nudge(camera: Camera, pixels: Floats, at_the_border: float) -> tuple[Any, Any]:
-    """Return how far nudges of pixels (N, 2) move their rays, metres (N,), and turn them, rad (N,)."""
+    """Return how far nudges of ``pixels`` (N, 2) of a ``camera`` move their rays, m (N,), and turn them, rad.
+
+    ``at_the_border`` is the turn, rad, where a nudge leaves the image.
+    """
     aside = np.multiply.outer(NUDGE_PX * NUDGE_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
     own = camera.unproject(pixels)
     beside = camera.unproject(pixels + aside)
@@ -312,8 +346,10 @@ def check_narrow_numbers(camera: Camera) -> None:
         assert given.directions.dtype == np.float64
     points = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32) * 5
     for values in (points, (100 * points).astype(np.int16)):
-        for got, expected in zip(camera.project(values), camera.project(values.astype(float)), strict=True):
-            np.testing.assert_array_equal(got, expected)
+        pixels, valid = camera.project(values)
+        wide_pixels, wide_valid = camera.project(values.astype(float))
+        np.testing.assert_array_equal(pixels, wide_pixels)
+        np.testing.assert_array_equal(valid, wide_valid)
 
 
 def check_viewpoints(camera: Camera) -> None:
@@ -329,15 +365,16 @@ def check_viewpoints(camera: Camera) -> None:
 def check_immutable(camera: Camera) -> None:
     """No attribute can be set, deleted or written into; a copy is equal and immutable, too."""
     described = camera.to_dict()
-    for one in (camera, copy.deepcopy(camera), pickle.loads(pickle.dumps(camera))):  # noqa: S301
-        assert one == camera
-        assert hash(one) == hash(camera)
+    for same in (camera, copy.deepcopy(camera), pickle.loads(pickle.dumps(camera))):  # noqa: S301
+        assert same == camera
+        assert hash(same) == hash(camera)
         for key in (*described, "center", "anything"):
             with pytest.raises(AttributeError, match="cameras are immutable; create another one"):
-                setattr(one, "name" if key == "model" else key, 1)
+                setattr(same, "name" if key == "model" else key, 1)
         with pytest.raises(AttributeError, match="immutable"):
-            del one.width
-        for value in (getattr(one, key, None) for key in (*described, "center")):
+            del same.width
+        for key in (*described, "center"):
+            value = getattr(same, key, None)
             if isinstance(value, np.ndarray):
                 with pytest.raises(ValueError, match="read-only"):
                     value[...] = 0

@@ -140,7 +140,7 @@ class _Edges:
         return np.repeat(np.arange(len(counts)), counts), np.concatenate(angles)
 
     def points(self, edge: NDArray[np.intp], angle: Array) -> Array:
-        """Return (S, 3) metres, camera frame, the points at each ``angle``, radians, of each ``edge``, (S,)."""
+        """Return (S, 3) metres, camera frame, the points at an ``angle``, radians, of an ``edge``."""
         along = np.clip(self._nearest[edge] + self._away[edge] * np.tan(angle), 0, self._length[edge])
         return np.asarray(self._start[edge] + along[:, None] * self._direction[edge])
 

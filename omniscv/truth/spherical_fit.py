@@ -120,7 +120,7 @@ def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[i
 
 
 def _borders(labels: Labels, wrap: bool) -> tuple[NDArray[np.intp], ...]:
-    """Return rows and columns of pixels with another label than the next pixel below or right, and of that."""
+    """Return rows and columns of pixels that differ from the next pixel below or right, and of that."""
     width = labels.shape[1]
     below = labels != np.roll(labels, -1, axis=0)
     below[-1] = False

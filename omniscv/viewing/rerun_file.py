@@ -18,7 +18,7 @@ from omniscv.truth.point_cloud import points_of
 
 _MOST_POINTS = 20_000
 """Of a frame: enough to show a room, few enough to turn it smoothly."""
-_AXIS_M = 0.25
+_AXIS_M = 0.25  # length of the axes that are drawn of a camera
 
 
 def check(out: Path) -> Any:
@@ -65,8 +65,11 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
     path = np.array([frame.pose.position for frame in frames])
     if len(path) > 1:
         stream.log(f"world/{name}/trajectory", rerun.LineStrips3D([path]), static=True)
-    if names := [(label, instance) for instance, label in frames[0].instances.items()]:
-        stream.log(f"images/{name}", rerun.AnnotationContext([(0, "nothing"), *names]), static=True)
+    if frames[0].instances:
+        names = [(0, "nothing")]
+        for instance, label in frames[0].instances.items():
+            names.append((label, instance))
+        stream.log(f"images/{name}", rerun.AnnotationContext(names), static=True)
     camera = frames[0].camera
     if type(camera) is Pinhole:
         stream.log(f"world/{name}/camera", _pinhole(rerun, camera), static=True)
@@ -80,9 +83,10 @@ def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> 
         _log_images(rerun, stream, name, frame)
         if "depth" in frame.files:
             cloud = points_of(frame, rays)
-            some = cloud.select(np.arange(0, len(cloud.distances), 1 + len(cloud.distances) // _MOST_POINTS))
-            colors = some.values.get("lit")
-            stream.log(f"world/{name}/points", rerun.Points3D(some.positions_w, colors=colors))
+            step = 1 + len(cloud) // _MOST_POINTS
+            thinned = cloud.select(np.arange(0, len(cloud), step))
+            points = rerun.Points3D(thinned.positions_w, colors=thinned.values.get("lit"))
+            stream.log(f"world/{name}/points", points)
 
 
 def _pinhole(rerun: Any, camera: Camera) -> Any:

@@ -17,6 +17,7 @@ import numpy as np
 from omniscv.compose.files import finite
 from omniscv.dataset import Frame
 from omniscv.errors import ArgumentError
+from omniscv.frame.classes import ClassTable
 from omniscv.progress import Steps, counted
 from omniscv.storage import is_url
 from omniscv.storage.local import folder_beside, replace_folder, whole_file
@@ -90,8 +91,15 @@ _MIXES = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.52, 0), (0.2, 255), (0
 def write(
     gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Steps | None = None
 ) -> list[Path]:
-    """Write a page with this title, and with frames beside it if they have more pixels than ``most_pixels``;
-    return the files, the page first."""
+    """Write a page, and frames beside it if they are large; return the files, the page first.
+
+    Args:
+        gathered: the frames that it shows.
+        out: the HTML file.
+        title: of the page.
+        most_pixels: that frames in the page itself may have in all; frames with more are written beside it.
+        progress: called with (frames done, frames in all).
+    """
     pixels = sum(frame.camera.width * frame.camera.height for frame in gathered.frames)
     if pixels <= most_pixels:
         _write(gathered, out, title, None, progress)
@@ -130,7 +138,7 @@ def _write_frames(
     progress: Steps | None,
 ) -> None:
     """Write the data of all frames, and collect each layer's range, without the last 0.5 % of both ends."""
-    for i, frame in enumerate(counted(gathered.frames, progress)):
+    for number, frame in enumerate(counted(gathered.frames, progress)):
         packed = layers.packed_layers(frame)
         data = {"layers": packed, "boxes": layers.boxes(frame), "layout": layers.layout(frame)}
         for name, layer in packed.items():
@@ -138,9 +146,10 @@ def _write_frames(
                 low, high = ranges.get(name, ends)
                 ranges[name] = [min(low, ends[0]), max(high, ends[1])]
         if beside is None:
-            file.write(f'<script type="application/json" id="frame-{i}">{_json(data)}</script>\n')
+            file.write(f'<script type="application/json" id="frame-{number}">{_json(data)}</script>\n')
         else:
-            (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
+            script = f"lookFrame({number},{_json(data)})\n"
+            (beside / f"{number:05d}.js").write_text(script, encoding="utf-8")
 
 
 def _asset(name: str) -> str:
@@ -152,35 +161,48 @@ def _shared(
 ) -> dict[str, Any]:
     """The data that all frames share, and a line for each."""
     cameras = {frame.camera_name: frame.camera for frame in gathered.frames}
-    described = {name: {"name": name, **describe(camera)} for name, camera in cameras.items()}
-    if gathered.flat:
-        described = {name: {**camera, "sphere": None} for name, camera in described.items()}
+    described = {}
+    for name, camera in cameras.items():
+        described[name] = {"name": name, **describe(camera)}
+        if gathered.flat:
+            described[name]["sphere"] = None
+    names: dict[str, None] = {}
+    for frame in gathered.frames:
+        names |= dict.fromkeys(layers.names(frame))
     first = gathered.frames[0]
-    names = dict.fromkeys(name for frame in gathered.frames for name in layers.names(frame))
-    table = first.classes
     return {
         "title": title,
         "folder": folder,
         "placed": gathered.placed,
         "cameras": described,
-        "frames": [_line(frame) for frame in gathered.frames],
+        "frames": list(map(_line, gathered.frames)),
         "layers": [{"name": name, "form": layers.form(name)} for name in names],
         "ranges": ranges,
         "ramps": _ramps(),
-        "labels": {
-            str(label): {
-                "name": name,
-                "color": _color(label),
-                "mask": gathered.mask_colors.get(name),
-                "class": table and table.of_object.get(name),
-            }
-            for name, label in first.instances.items()
-        },
-        "classes": {
-            str(row.id): {"name": row.name, "color": _color(i)}
-            for i, row in enumerate(table.classes.values() if table else (), start=1)
-        },
+        "labels": _labels(first, gathered.mask_colors),
+        "classes": {} if first.classes is None else _classes(first.classes),
     }
+
+
+def _labels(frame: Frame, mask_colors: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return by label the name of its object, its colours in the page and in masks, and its class."""
+    labels = {}
+    for name, label in frame.instances.items():
+        labels[str(label)] = {
+            "name": name,
+            "color": _color(label),
+            "mask": mask_colors.get(name),
+            "class": None if frame.classes is None else frame.classes.of_object.get(name),
+        }
+    return labels
+
+
+def _classes(table: ClassTable) -> dict[str, dict[str, Any]]:
+    """Return by the id of a class its name and colour."""
+    classes = {}
+    for number, semantic in enumerate(table.classes.values(), start=1):
+        classes[str(semantic.id)] = {"name": semantic.name, "color": _color(number)}
+    return classes
 
 
 def _line(frame: Frame) -> dict[str, Any]:
@@ -208,9 +230,11 @@ def _ramps() -> dict[str, str]:
     import cv2
 
     levels = np.arange(255, -1, -1, dtype=np.uint8)[:, None]
-    maps = {"turbo": cv2.COLORMAP_TURBO, "cividis": cv2.COLORMAP_CIVIDIS}
-    bgr = {name: cv2.applyColorMap(levels, ramp)[:, 0] for name, ramp in maps.items()}
-    return {name: layers.text(colors[:, ::-1].tobytes()) for name, colors in bgr.items()}
+    ramps = {}
+    for name, ramp in (("turbo", cv2.COLORMAP_TURBO), ("cividis", cv2.COLORMAP_CIVIDIS)):
+        bgr = cv2.applyColorMap(levels, ramp)[:, 0]
+        ramps[name] = layers.text(bgr[:, ::-1].tobytes())
+    return ramps
 
 
 def _json(data: object) -> str:

@@ -27,14 +27,14 @@ from omniscv.viewing.look.layers import pack
 
 Project = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
 
-_FAR_M = 1e6
-_CELL_PX = 6.0
-_LEAST_CELLS = 48
-_MOST_CELLS = 384
-_FINE_PX = 0.375
-_LEAST_FINE = 4
-_MOST_FINE = 16
-_SMOOTH_PX = 0.05
+_FAR_M = 1e6  # of the points that directions are projected at
+_CELL_PX = 6.0  # aimed-at width of a cell in the image
+_LEAST_CELLS = 48  # across a face
+_MOST_CELLS = 384  # across a face
+_FINE_PX = 0.375  # aimed-at width of the parts of a cell that is not smooth
+_LEAST_FINE = 4  # parts across such a cell
+_MOST_FINE = 16  # parts across such a cell
+_SMOOTH_PX = 0.05  # largest error in the middle of a smooth cell
 _NODES = 384  # across the image, from pixels to directions
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
 _INSIDE = 1 - 1e-9  # keeps nodes off a face's border, where cube maps have their seams
@@ -67,9 +67,14 @@ def describe(camera: Camera) -> dict[str, Any]:
 def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     """Return the tables from directions to pixels; None if directions do not determine pixels.
 
-    They have ``cells`` N, by the density of px per radian, None for parallel rays; ``fine`` F; ``nodes``
-    (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as whole multiples of 1 / ``perPixel``, plus 1;
-    0 for none; ``kinds`` (6 N, N): 0 nothing is seen, 1 smooth, 2 + the index of the cell's table.
+    Args:
+        camera: of the image.
+        density: px per radian, by which the number of cells is chosen; None for parallel rays.
+
+    Returns:
+        ``cells`` N; ``fine`` F; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as whole
+        multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen, 1 smooth,
+        2 + the index of the cell's table.
     """
     if density is None:
         return None
@@ -79,7 +84,7 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     count = int(np.clip(np.ceil(2 * density / _CELL_PX), _LEAST_CELLS, _MOST_CELLS))
     ends = np.linspace(-_INSIDE, _INSIDE, count + 1)
     nodes, seen = project(on_cube(ends, ends))
-    corners = [nodes[:, i : i + count, j : j + count] for i in (0, 1) for j in (0, 1)]
+    corners = [nodes[:, :-1, :-1], nodes[:, :-1, 1:], nodes[:, 1:, :-1], nodes[:, 1:, 1:]]
     middles = (ends[1:] + ends[:-1]) / 2
     directions = on_cube(middles, middles)
     between = np.mean(corners, axis=0)
@@ -89,14 +94,14 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
-    face, i, j = np.nonzero(kinds == 0)
+    face, row, column = np.nonzero(kinds == 0)
     shape = len(face), finer, finer
-    across = np.broadcast_to((ends[j][:, None] + fine)[:, None, :], shape)
-    down = np.broadcast_to((ends[i][:, None] + fine)[:, :, None], shape)
+    across = np.broadcast_to((ends[column][:, None] + fine)[:, None, :], shape)
+    down = np.broadcast_to((ends[row][:, None] + fine)[:, :, None], shape)
     faces = np.broadcast_to(face[:, None, None], shape)
     split = _fixed(*project(_on_face(faces, across, down)))
     used = split.any(axis=(1, 2, 3))
-    kinds[face[used], i[used], j[used]] = 2 + np.arange(np.count_nonzero(used))
+    kinds[face[used], row[used], column[used]] = 2 + np.arange(np.count_nonzero(used))
     return {
         "cells": count,
         "fine": finer,
@@ -117,7 +122,7 @@ def _is_invertible(camera: Camera, project: Project, density: float) -> bool:
 
 
 def on_cube(a: Array, b: Array) -> Array:
-    """Return (6, len(b), len(a), 3) unit directions of the faces' points (a, b)."""
+    """Return (6, len(b), len(a), 3) unit directions of the faces' points (``a``, ``b``)."""
     flat = np.stack(np.meshgrid(a, b), axis=-1)
     return np.stack([_on_face(face, flat[..., 0], flat[..., 1]) for face in range(6)])
 
@@ -167,7 +172,8 @@ def _rays(camera: Camera) -> dict[str, Any]:
     ``directions`` (H', W', 3) int16 of 32767, 0 where not valid; ``origins`` (H', W', 3) float32 metres, or
     None."""
     step = max(1, -(-max(camera.width, camera.height) // _NODES))
-    u, v = (np.arange(0.5, size, step) for size in (camera.width, camera.height))
+    u = np.arange(0.5, camera.width, step)
+    v = np.arange(0.5, camera.height, step)
     rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))
     directions = np.rint(32767 * np.nan_to_num(rays.directions)).astype(np.int16)
     origins = None if camera.central else pack(np.nan_to_num(rays.origins).astype(np.float32))

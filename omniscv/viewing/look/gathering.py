@@ -52,10 +52,22 @@ def open_frames(
     progress: Steps | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Iterator[Gathered]:
-    """Yield the frames of a dataset, folder, file or recording, which is composed in a temporary folder."""
+    """Yield the frames of a dataset, folder, file or recording, which is composed in a temporary folder.
+
+    Args:
+        what: as of :func:`omniscv.viewing.look.look`.
+        size: of panoramas that are composed of a recording, px.
+        progress: called with (viewpoints done, viewpoints in all) of a recording.
+        warn: called with a line if viewpoints of a recording are left out.
+
+    Raises:
+        ArgumentError: nothing is there that can be shown.
+    """
     folder = storage.folder(what)
     if folder.exists(DATASET) or folder.exists(FRAMES):
-        frames = [frame for group in by_camera(dataset.open(folder)).values() for frame in group]
+        frames: list[Frame] = []
+        for sequence in by_camera(dataset.open(folder)).values():
+            frames += sequence
         if not frames:
             raise ArgumentError(f"{folder}: expected a dataset with frames, got one without")
         yield Gathered(frames)
@@ -75,14 +87,14 @@ def gather(path: Path) -> Gathered:
     """Return the frames of a folder of images as ``render`` writes them, of the ``STEM.json`` or any layer of
     one, or of a picture."""
     if path.is_dir():
-        if descriptions := [file for file in sorted(path.glob("*.json")) if _files(file)]:
+        if descriptions := list(filter(_files, sorted(path.glob("*.json")))):
             return _of_images(path, descriptions)
         inner = sorted({file.parent.name for file in path.glob("*/*.json") if _files(file)})
-        got = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
-        raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {got}")
+        other = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
+        raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {other}")
     if not path.is_file():
-        got = "a device or a pipe" if path.exists() else "nothing there"
-        raise ArgumentError(f"{path}: expected a folder, an image or a recording, got {got}")
+        other = "a device or a pipe" if path.exists() else "nothing there"
+        raise ArgumentError(f"{path}: expected a folder, an image or a recording, got {other}")
     if path.suffix == ".json":
         return _of_images(path.parent, [path])
     description = path.with_name(f"{path.name.split('.')[0]}.json")
@@ -118,28 +130,38 @@ def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
 def _files(path: Path) -> dict[str, Path]:
     """The layers and records beside a ``STEM.json``, by kind."""
     stem = path.stem
-    beside = sorted(path.parent.glob(f"{glob.escape(stem)}.*.*"))
-    layers = {layer: file for file in beside if (layer := _layer_of(file, stem))}
-    records = {kind: path.with_name(f"{stem}.{kind}.json") for kind in ("truth", "layout")}
-    return {**layers, **{kind: file for kind, file in records.items() if layers and file.is_file()}}
+    files = {}
+    for file in sorted(path.parent.glob(f"{glob.escape(stem)}.*.*")):
+        if layer := _layer_of(file, stem):
+            files[layer] = file
+    if files:
+        for kind in ("truth", "layout"):
+            record = path.with_name(f"{stem}.{kind}.json")
+            if record.is_file():
+                files[kind] = record
+    return files
 
 
 def _layer_of(path: Path, stem: str) -> str:
     """The layer that a file ``STEM.LAYER.SUFFIX`` holds; empty for others."""
     layer = path.name.removeprefix(f"{stem}.").removesuffix(path.suffix)
-    return layer if layer in {row.name for row in modalities.layers()} else ""
+    return layer if layer in {modality.name for modality in modalities.layers()} else ""
 
 
 def _objects(path: Path) -> tuple[dict[str, int], dict[str, str]]:
     """Object name to label, and to mask colour, of ``objects.json``; empty without the file."""
     if not path.is_file():
         return {}, {}
+    labels = {}
+    colors = {}
     try:
-        objects = {row["name"]: (int(label), row["mask_color"]) for label, row in _json(path).items()}
-        colors = {name: "#{:02x}{:02x}{:02x}".format(*color) for name, (_, color) in objects.items()}
-        return {name: label for name, (label, _) in objects.items()}, colors
+        for label, values in _json(path).items():
+            name = values["name"]
+            labels[name] = int(label)
+            colors[name] = "#{:02x}{:02x}{:02x}".format(*values["mask_color"])
     except (TypeError, KeyError, AttributeError, ValueError, IndexError) as cause:
         raise ArgumentError(f"{path}: expected labels and their objects, got: {cause!r}") from cause
+    return labels, colors
 
 
 def _of_picture(path: Path) -> Gathered:
@@ -153,8 +175,8 @@ def _of_picture(path: Path) -> Gathered:
         expected = "expected a folder of images, a STEM.json, a picture or a recording"
         raise ArgumentError(f"{path}: {expected}, got: {cause}") from cause
     if path.suffix.lower() not in PICTURES:
-        got = path.suffix or "no suffix"
-        raise ArgumentError(f"{path}: expected a picture {', '.join(PICTURES)}, got {got}")
+        suffix = path.suffix or "no suffix"
+        raise ArgumentError(f"{path}: expected a picture {', '.join(PICTURES)}, got {suffix}")
     camera = create("equirectangular", width=width, height=height)
     files = ImageFiles({"lit": path}, (width, height))
     frame = Frame(path.stem, "picture", camera, Pose.from_angles((0, 0, 0)), files, {})
@@ -171,17 +193,19 @@ def _compose(path: Path, out: Path, size: tuple[int, int], progress: Steps | Non
     first of its modes, colour where it has any; return the number of others, in words; empty for none."""
     camera = create("equirectangular", width=size[0], height=size[1])
     with open_source(str(path)) as source:
-        views = Counter(tuple(view.pose.position.tolist()) for view in source.recorded_views() or ())
+        views = Counter[tuple[float, ...]]()
+        for view in source.recorded_views() or ():
+            views[tuple(view.pose.position.tolist())] += 1
         centers = [center for center, count in views.items() if count >= _CUBE_FACES]
         modes = [mode for mode in modalities.names() if mode in source.capabilities.modes]
         renderer = Renderer(source)
         left_out = 0
-        for i, center in enumerate(counted(centers, progress)):
+        for number, center in enumerate(counted(centers, progress)):
             image = _recorded_image(renderer, camera, Pose.from_angles(center), modes)
             if image is None:
                 left_out += 1
             else:
-                image.save(out, stem=f"place-{i:04d}")
+                image.save(out, stem=f"place-{number:04d}")
     why = f"{left_out} of {len(centers)} optical centres are not recorded in {modes[0]} all around"
     if left_out == len(centers):
         raise RecordingError(f"{path}: expected a place that is recorded all around, got none: {why}")

@@ -46,18 +46,18 @@ BoxKind = Literal["boxes", "boxes3d"]
 
 def names(frame: Frame) -> list[str]:
     """Return the layers that a frame has, in the order of the table."""
-    return [row.name for row in modalities.layers() if row.name in frame.files]
+    return [modality.name for modality in modalities.layers() if modality.name in frame.files]
 
 
 def form(name: str) -> str:
     """Return the form of a layer."""
-    row = modalities.get(name)
-    if row.mark:
+    modality = modalities.get(name)
+    if modality.mark:
         return "marks"
-    if row.dtypes == ("uint16",):
+    if modality.dtypes == ("uint16",):
         return "ids"
-    if row.channels == 3:
-        return "vectors" if row.interpolation in ("direction", "plane") else "picture"
+    if modality.channels == 3:
+        return "vectors" if modality.interpolation in ("direction", "plane") else "picture"
     return "scalar"
 
 
@@ -109,34 +109,44 @@ def text(data: bytes) -> str:
 
 def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
     """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``."""
-    return {
-        kind: [
-            {
-                "id": record["instance_id"],
-                "name": record["name"],
-                "class": record.get("class"),
-                "lines": [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)],
-            }
-            for record in frame.truth[kind]
-        ]
-        for kind in get_args(BoxKind)
-        if frame.truth.get(kind)
-    }
+    by_kind = {}
+    for kind in get_args(BoxKind):
+        records = frame.truth.get(kind)
+        if records:
+            by_kind[kind] = [_box(kind, frame.camera, record) for record in records]
+    return by_kind
+
+
+def _box(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a page draws of a box, by its record."""
+    lines: list[list[float]] = []
+    for line in box_lines(kind, camera, record):
+        lines += _parts(line)
+    described = {"id": record["instance_id"], "name": record["name"], "class": record.get("class")}
+    return {**described, "lines": lines}
 
 
 def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[Array]:
-    """Return the lines of a box in an image, (N, 2) px each, as the camera bends them.
+    """Return the lines of a box in an image, (N, 2) px each, as the ``camera`` bends them.
 
-    NaN where the image does not show them.
+    They are NaN where the image does not show them. ``record`` is that of the truth ``kind``.
     """
+    lines = []
     if kind == "boxes":  # columns beyond the right border continue at the left
-        x, y, w, h = record.get("bbox_wrap", record["bbox"])
-        corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
-        pixels = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
-        return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in pixels]
-    center, R_c_b, size = (np.array(record[key]) for key in ("center_camera", "R_camera_box", "size"))
-    corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()
-    return [camera.project(np.linspace(a, b, _STEPS))[0] for a, b in corners[np.array(BOX_EDGES)]]
+        x, y, width, height = record.get("bbox_wrap", record["bbox"])
+        right = x + width
+        bottom = y + height
+        corners = np.array([(x, y), (right, y), (right, bottom), (x, bottom), (x, y)], dtype=float)
+        for start, end in itertools.pairwise(corners):
+            side = np.linspace(start, end, _STEPS)
+            lines.append(np.column_stack([side[:, 0] % camera.width, side[:, 1]]))
+        return lines
+    center = np.array(record["center_camera"])
+    box = ObjectBox(center, np.array(record["R_camera_box"]), np.array(record["size"]), record["source"])
+    for start, end in box.corners_w()[np.array(BOX_EDGES)]:
+        pixels, _ = camera.project(np.linspace(start, end, _STEPS))
+        lines.append(pixels)
+    return lines
 
 
 def layout(frame: Frame) -> dict[str, Any] | None:
@@ -150,19 +160,24 @@ def layout(frame: Frame) -> dict[str, Any] | None:
     if not record:
         return None
 
-    def visibility(part: Mapping[str, Any]) -> dict[str, bool]:
-        return {"room": part["visible_room"], "seen": part["visible"] is not False}
-
-    edges = [
-        {"kind": edge["kind"], **visibility(piece), "line": line}
-        for edge in record["edges"]
-        for piece in edge["pieces"]
-        for line in _parts(np.array(piece["pixels"], dtype=float))
-    ]
-    in_image = [corner for corner in record["corners"] if corner["in_image"]]
-    corners = [{"kind": each["kind"], **visibility(each), "pixel": each["pixel"]} for each in in_image]
-    floor = [corner["world"][:2] for corner in record["corners"] if corner["kind"] == "floor"]
+    edges = []
+    for edge in record["edges"]:
+        for piece in edge["pieces"]:
+            for line in _parts(np.array(piece["pixels"], dtype=float)):
+                edges.append({"kind": edge["kind"], **_visibility(piece), "line": line})
+    corners = []
+    floor = []
+    for corner in record["corners"]:
+        if corner["in_image"]:
+            corners.append({"kind": corner["kind"], **_visibility(corner), "pixel": corner["pixel"]})
+        if corner["kind"] == "floor":
+            floor.append(corner["world"][:2])
     return {"edges": edges, "corners": corners, "floor": floor}
+
+
+def _visibility(part: Mapping[str, Any]) -> dict[str, bool]:
+    """Return whether a part of a layout is visible in the empty room, and in the furnished one."""
+    return {"room": part["visible_room"], "seen": part["visible"] is not False}
 
 
 def _parts(pixels: Array) -> Iterable[list[float]]:
