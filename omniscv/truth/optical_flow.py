@@ -46,7 +46,7 @@ class Flow:
     scene: Array
 
 
-def flow(  # noqa: PLR0915 - one formula, step by step
+def flow(
     depth0: NDArray[np.floating[Any]],
     rays0: Rays,
     pose0: Pose,
