@@ -124,7 +124,13 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
 
 
 class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
-    """The job, and the keys of its frames that are chosen: sent to every worker once, not with every task."""
+    """The job, and the keys of its frames that are chosen: sent to every worker once, not with every task.
+
+    Args:
+        run: the name of the run.
+        job: whose parts are made.
+        chosen: the keys of the frames that are made; None for all.
+    """
 
     def __init__(self, run: str, job: Job, chosen: Collection[str] | None) -> None:
         self.name = _job(run)

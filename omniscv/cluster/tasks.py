@@ -267,8 +267,8 @@ class Tasks:
         if task.deaths.total() >= _MOST_DEATHS:
             times = f"expected every part to be made, but {_MOST_DEATHS} workers ended that had {task.name}"
             raise ClusterError(f"{times}; is there enough memory? {_AGAIN}")
-        at = f" while it made {task.frame}" if task.frame else ""
-        self._warn(f"worker {name}: ended{at}; {task.name} is made again, frame by frame")
+        when = f" while it made {task.frame}" if task.frame else ""
+        self._warn(f"worker {name}: ended{when}; {task.name} is made again, frame by frame")
 
     # -- watching -----------------------------------------------------------------------------------------
 

@@ -315,8 +315,9 @@ def _difference_of_worlds(current: Manifest, wanted: Manifest, planned: Planned 
     """As :func:`_difference`, of what is captured, and of the versions of parts."""
     if planned is not None and planned.is_part and current.versions != wanted.versions:
         for package, version in current.versions.items():
-            if version != (mine := wanted.versions.get(package)):
-                return f"parts are made with {package} {version}, this one with {mine}: use one version"
+            own = wanted.versions.get(package)
+            if version != own:
+                return f"parts are made with {package} {version}, this one with {own}: use one version"
     if current.origin is None or wanted.origin is None:
         return ""
     for name, world in wanted.origin.worlds.items():

@@ -65,7 +65,7 @@ class Exposure:
     def offsets(self) -> tuple[float, ...]:
         """Return seconds from the middle, that of the middle first."""
         count = self._count() if self.seconds else 1
-        offsets = [self.seconds * ((i + 0.5) / count - 0.5) for i in range(count)]
+        offsets = [self.seconds * ((number + 0.5) / count - 0.5) for number in range(count)]
         middle = count // 2
         return (0.0, *offsets[:middle], *offsets[middle + 1 :])
 

@@ -222,11 +222,11 @@ class PathPoses:
                 f"poses.path: expected at most {_MOST} poses, got {count:g}; give a lower rate"
             )
         times = np.arange(max(count, 1)) / self.rate
-        at = np.interp(times * self.speed, length, fine)
+        parameters = np.interp(times * self.speed, length, fine)
         if curve is None:
-            tangents = np.broadcast_to(points[1] - points[0], (len(at), 3))
-            return points[0] + at[:, None] / chord[1] * tangents, tangents, times
-        return np.asarray(curve(at)), np.asarray(curve(at, 1)), times
+            tangents = np.broadcast_to(points[1] - points[0], (len(parameters), 3))
+            return points[0] + parameters[:, None] / chord[1] * tangents, tangents, times
+        return np.asarray(curve(parameters)), np.asarray(curve(parameters, 1)), times
 
 
 def _check_box(box: RandomPoses | GridPoses) -> None:

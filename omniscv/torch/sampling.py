@@ -109,6 +109,12 @@ class DeviceLookup:
 class DeviceTiles:
     """The pixels of a modality in all views, sampled by a :class:`DeviceLookup`.
 
+    Args:
+        kind: how values between pixels are found.
+        views: which share their centre and size.
+        faces: the pixels of each view.
+        device: which has float64 and Triton.
+
     Attributes:
         tensor: that holds them: stacked views, or an atlas of views that are blended, bilinear and as they
             are, such as sRGB in 8 bits.
@@ -156,7 +162,18 @@ class DeviceTiles:
 
 
 class ProcessorLookup:
-    """The views and pixels of a camera's rays in B orientations, found by the kernels of composition."""
+    """The views and points of a camera's rays in B orientations, found by the kernels of composition.
+
+    Args:
+        camera: central.
+        views: which share their centre and size.
+        R_w_c: (B, 3, 3) camera to world.
+
+    Attributes:
+        views: as given.
+        samplers: one for each orientation.
+        unseen: how many valid rays no view sees, in all orientations.
+    """
 
     def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Array) -> None:
         self.views = views
@@ -166,7 +183,16 @@ class ProcessorLookup:
 
 
 class ProcessorTiles:
-    """The pixels of a modality in all views, sampled by a :class:`ProcessorLookup`."""
+    """The pixels of a modality in all views, sampled by a :class:`ProcessorLookup`.
+
+    Args:
+        interpolation: how values between pixels are found.
+        views: which share their centre and size.
+        faces: the pixels of each view.
+
+    Attributes:
+        tensor: the stacked pixels of all views.
+    """
 
     def __init__(self, interpolation: Interpolation, views: Sequence[View], faces: Pictures) -> None:
         stack: Any = np.stack(faces)

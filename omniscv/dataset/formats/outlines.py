@@ -37,16 +37,16 @@ def outline(mask: NDArray[np.uint8]) -> Points:
 def _cut_open(lines: Sequence[Points]) -> Points:
     """Return one line of several: the outer one, then holes in the order of their leftmost points, which they
     begin with."""
-    at: dict[tuple[int, int], tuple[int, int]] = {}  # the line, and the place in it, that a pixel is in
+    places: dict[tuple[int, int], tuple[int, int]] = {}  # by pixel: its line, and its index there
     holes_at: dict[tuple[int, int], list[int]] = {}  # the holes to which a place is connected
     for number, line in enumerate(lines):
         if number:
             x, y = map(int, line[0])
-            while (x, y) not in at:  # what is farther left is connected before
+            while (x, y) not in places:  # lines farther left are connected before
                 x -= 1
-            holes_at.setdefault(at[x, y], []).append(number)
-        for place, (x, y) in enumerate(line.tolist()):
-            at.setdefault((x, y), (number, place))
+            holes_at.setdefault(places[x, y], []).append(number)
+        for index, (x, y) in enumerate(line.tolist()):
+            places.setdefault((x, y), (number, index))
     return np.array(_walk(lines, holes_at), np.int32)
 
 

@@ -341,8 +341,8 @@ def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Non
             axes.plot(*segment.pixels.T, ".", color=RED, ms=1.5)
         axes.set_axis_off()
         axes.set_title("edges between walls, floor and ceiling, from labels", size=9)
-        for i, (title, angles_deg) in enumerate(views.items()):
-            axes = drawing.add_subplot(grid[1, i])
+        for column, (title, angles_deg) in enumerate(views.items()):
+            axes = drawing.add_subplot(grid[1, column])
             _draw_view(axes, image, points, segments, angles_deg)
             axes.set_title(title, size=9)
         finding = f"{len(segments)} edges of a room, reconstructed from one image, among its true points"
