@@ -277,22 +277,40 @@ def _at(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     return float(depth[first + r * shape[1] + c]) if 0 <= r < shape[0] and 0 <= c < shape[1] else np.inf
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return the largest difference in depth to the surfaces of the neighbours, metres, each continued to
     this pixel by its slope on the far side: a wall at a grazing angle recedes by metres within a pixel."""
-    z, most = depth[first + r * shape[1] + c], 0.0
-    for j in range(max(r - 1, 0), min(r + 2, shape[0])):
-        for k in range(max(c - 1, 0), min(c + 2, shape[1])):
-            near = depth[first + j * shape[1] + k]
-            if near != z:
-                most = max(most, abs(near - z))
+    height, width = shape
+    o = first + r * width + c
+    z = depth[o]
+    most = 0.0
+    inside = 3 <= r < height - 3 and 3 <= c < width - 3
+    for j in range(max(r - 1, 0), min(r + 2, height)):
+        for k in range(max(c - 1, 0), min(c + 2, width)):
+            away = (j - r) * width + k - c
+            near = depth[o + away]
+            if near == z:
+                continue
+            most = max(most, abs(near - z))
+            if not near < np.inf:
+                continue
+            if inside:
+                next_ = float(depth[o + 2 * away])
+                beyond = float(depth[o + 3 * away])
+            else:
                 next_ = _at(depth, first, shape, 2 * j - r, 2 * k - c)
                 beyond = _at(depth, first, shape, 3 * j - 2 * r, 3 * k - 2 * c)
-                step, on = _one_sided(near, next_, beyond, allowed_step(near))
-                if on and near < np.inf:
-                    inverse = inverse_depth(near)
-                    most = max(most, abs(1.0 / max(inverse - step, 0.5 * inverse) - z))
+            if not next_ < np.inf:
+                continue
+            inverse = inverse_depth(near)
+            step = inverse_depth(next_) - inverse
+            allowed = allowed_step(near)
+            on = abs(step) <= allowed
+            if not on and beyond < np.inf:  # divisions are what takes time: the third only where it counts
+                on = abs(inverse_depth(beyond) - inverse_depth(next_) - step) <= allowed
+            if on:
+                most = max(most, abs(1.0 / max(inverse - step, 0.5 * inverse) - z))
     return float(most)
 
 
