@@ -40,13 +40,13 @@ _FIXED = ((False, False, True), (False, True, False), (False, True, True), (True
 
 def axes(rotation: Triple) -> Array:
     """Return (3, 3) columns forward, right, up in Unreal's axes."""
-    p, y, r = map(math.radians, rotation)
-    sp = math.sin(p)
-    cp = math.cos(p)
-    sy = math.sin(y)
-    cy = math.cos(y)
-    sr = math.sin(r)
-    cr = math.cos(r)
+    pitch, yaw, roll = map(math.radians, rotation)
+    sp = math.sin(pitch)
+    cp = math.cos(pitch)
+    sy = math.sin(yaw)
+    cy = math.cos(yaw)
+    sr = math.sin(roll)
+    cr = math.cos(roll)
     forward = (cp * cy, cp * sy, sp)
     right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
     up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
@@ -243,11 +243,11 @@ class Objects:
 
 def palette() -> Iterator[Color]:
     """Yield the plugin's default mask colours in order (protocol reference, section 5.1)."""
-    for m, value in enumerate(_CHANNEL):
+    for index, value in enumerate(_CHANNEL):
         for fixed in _FIXED:
             choices = []
             for is_fixed in fixed:
-                choices.append((value,) if is_fixed else _CHANNEL[:m])
+                choices.append((value,) if is_fixed else _CHANNEL[:index])
             yield from itertools.product(*choices)
 
 

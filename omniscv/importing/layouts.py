@@ -136,10 +136,12 @@ def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
     if picture.shape[:2] != (edge * len(rows), edge * len(rows[0])):
         return None
     faces = []
-    for r, row in enumerate(rows):
-        for c, cell in enumerate(row):
+    for vertical, row in enumerate(rows):
+        for horizontal, cell in enumerate(row):
             if cell == "#":
-                faces.append(picture[edge * r : edge * (r + 1), edge * c : edge * (c + 1)])
+                top = edge * vertical
+                left = edge * horizontal
+                faces.append(picture[top : top + edge, left : left + edge])
     return faces
 
 

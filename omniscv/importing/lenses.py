@@ -219,18 +219,18 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole 
     with within(file.name):
         content = read_bytes(file, MOST_JSON_BYTES)
         if file.suffix == ".json":
-            P, size = _matrix_of_json(parse_json(content), size)
+            projection, size = _matrix_of_json(parse_json(content), size)
         else:
-            P = _matrix_of_text(decode_text(content, "replace"), row)
+            projection = _matrix_of_text(decode_text(content, "replace"), row)
         keys = {
-            "fx": float(P[0, 0]),
-            "fy": float(P[1, 1]),
-            "cx": float(P[0, 2]),
-            "cy": float(P[1, 2]),
+            "fx": float(projection[0, 0]),
+            "fy": float(projection[1, 1]),
+            "cx": float(projection[0, 2]),
+            "cy": float(projection[1, 2]),
             "centers": float(center),
         }
         lens = of_keys("intrinsics", keys, size)
-        return lens, np.asarray(-np.linalg.solve(P[:, :3], P[:, 3]))
+        return lens, np.asarray(-np.linalg.solve(projection[:, :3], projection[:, 3]))
 
 
 def _matrix_of_json(data: Any, size: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
@@ -239,8 +239,8 @@ def _matrix_of_json(data: Any, size: tuple[int, int]) -> tuple[Array, tuple[int,
     if data.get("scale", _SCALE) != _SCALE:
         raise ArgumentError(f"scale: expected {_SCALE:g} of a metre, got {shown(data['scale'])}")
     size = (int(data.get("w", size[0])), int(data.get("h", size[1])))
-    P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
-    return P, size
+    projection = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
+    return projection, size
 
 
 def _matrix_of_text(content: str, row: str) -> Array:
@@ -249,10 +249,10 @@ def _matrix_of_text(content: str, row: str) -> Array:
     for line in content.splitlines():
         if line.startswith(row):
             words += line.removeprefix(row).split()
-    P = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
-    if P.size == 9:
-        return np.column_stack([P.reshape(3, 3), np.zeros(3)])
-    return P.reshape(-1, 4)[:3]
+    projection = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
+    if projection.size == 9:
+        return np.column_stack([projection.reshape(3, 3), np.zeros(3)])
+    return projection.reshape(-1, 4)[:3]
 
 
 def of_file(file: Path, size: tuple[int, int]) -> Pinhole | Wide | None:

@@ -267,8 +267,8 @@ def hypersim(folder: Path, options: Options) -> Sequence:
             paths = _hypersim_files(folder / "images", f"scene_{camera.name}", stem)
             if not paths:
                 continue  # it was left out of the data set
-            M = np.vstack([np.column_stack([rotation, position]), [0, 0, 0, 1]])
-            row = Rows.of_entries([(f"{camera.name} {stem}", {"transform_matrix": M})])
+            matrix = np.vstack([np.column_stack([rotation, position]), [0, 0, 0, 1]])
+            row = Rows.of_entries([(f"{camera.name} {stem}", {"transform_matrix": matrix})])
             (t_w_c,), (R_w_c,) = row.poses("opengl", unit_m)
             holds = {"depth": Files(kind="ray", unit="m")}
             frames.append(Frame(paths, Pose(t_w_c, R_w_c), _hypersim_lens(paths, options), holds))

@@ -174,17 +174,19 @@ class Shot(NamedTuple):
             most: px of the shot's width.
         """
         height, width = depth.shape
-        k = max(1, -(-width // most)) | 1
-        rows = height // k
-        columns = width // k
-        cut = depth[k // 2 : rows * k : k, k // 2 : columns * k : k]
+        step = max(1, -(-width // most)) | 1
+        rows = height // step
+        columns = width // step
+        cut = depth[step // 2 : rows * step : step, step // 2 : columns * step : step]
         near = np.where(np.isfinite(cut) & (cut > 0), cut, 0)
         if lit is not None:
             lit = lit.astype(np.float32).mean(axis=-1)
             if lit.shape != depth.shape:
                 lit = cv2.resize(lit, (width, height), interpolation=cv2.INTER_AREA)
-            lit = cv2.resize(lit[: rows * k, : columns * k], (columns, rows), interpolation=cv2.INTER_AREA)
-        small = lens and (lens.fx / k, lens.fy / k, lens.cx / k, lens.cy / k)
+            lit = cv2.resize(
+                lit[: rows * step, : columns * step], (columns, rows), interpolation=cv2.INTER_AREA
+            )
+        small = lens and (lens.fx / step, lens.fy / step, lens.cx / step, lens.cy / step)
         return cls(np.asarray(near, np.float32), None if lit is None else local_contrast(lit), small)
 
 

@@ -146,7 +146,10 @@ def _probed_codes(source: Source, first: Request, stops: Sequence[float]) -> lis
         for stop in stops:
             requests.append(Request(view, "lit", first.state, again=True, stops=stop))
     pixels = [capture.pixels.ravel() for capture in source.capture(requests)]
-    return [np.concatenate(pixels[k :: len(stops)]) for k in range(len(stops))]
+    codes = []
+    for first_picture in range(len(stops)):
+        codes.append(np.concatenate(pixels[first_picture :: len(stops)]))
+    return codes
 
 
 def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[Response]:

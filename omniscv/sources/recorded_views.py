@@ -187,7 +187,7 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
     index = np.full(len(directions_w), -1)
     edge_px = np.full(len(directions_w), -1.0)
     most = np.zeros(len(directions_w))
-    for k, view in enumerate(views):
+    for number, view in enumerate(views):
         u, v, z = view.project(view.pose.t_w_c + directions_w).T
         fx, fy, cx, cy = view.projection
         tangents = ((u - cx) / fx) ** 2 + ((v - cy) / fy) ** 2
@@ -198,7 +198,7 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
         before = edge_px >= _SUPPORT_PX
         finer = density > most * (1 + _SAME)
         better = (z > 0) & (margin >= 0) & np.where(supported == before, finer, supported)
-        index[better] = k
+        index[better] = number
         edge_px[better] = margin[better]
         most[better] = density[better]
     return index, edge_px

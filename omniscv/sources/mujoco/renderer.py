@@ -255,16 +255,16 @@ def _cosines(depth: Array, lengths: Array, view: View) -> Array:
     """(H, W) cosines between rays and normals, by the steepest neighbour: on a plane 1 / z is linear."""
     with np.errstate(divide="ignore"):
         w = np.where(np.isfinite(depth), 1 / depth, 0.0)
-    p = view.projection
+    projection = view.projection
     slopes = []
-    for axis, focal in ((1, p.fx), (0, p.fy)):
+    for axis, focal in ((1, projection.fx), (0, projection.fy)):
         step = np.diff(w, axis=axis) * focal
         none = np.zeros_like(np.take(step, [0], axis))
         first = np.insert(step, 0, 0, axis=axis)
         last = np.append(step, none, axis)
         slopes.append(np.where(np.abs(first) > np.abs(last), first, last))
-    x = (np.arange(view.width) + 0.5 - p.cx) / p.fx
-    y = (np.arange(view.height)[:, None] + 0.5 - p.cy) / p.fy
+    x = (np.arange(view.width) + 0.5 - projection.cx) / projection.fx
+    y = (np.arange(view.height)[:, None] + 0.5 - projection.cy) / projection.fy
     n = np.stack([slopes[0], slopes[1], w - x * slopes[0] - y * slopes[1]])
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(w / (np.linalg.norm(n, axis=0) * lengths)))

@@ -118,23 +118,24 @@ def states_in_words(states: Collection[str]) -> str:
 
 def differences(recorded: View, requested: View) -> str:
     """Return in what a ``recorded`` and a ``requested`` view differ and by how much, with both values."""
-    a = recorded.key()
-    b = requested.key()
+    recorded_key = recorded.key()
+    requested_key = requested.key()
     metres, turn, opening, _ = _distances(recorded, requested)
     parts = []
-    if a.position != b.position:
+    if recorded_key.position != requested_key.position:
         positions = _both(recorded.pose.position, requested.pose.position)
         parts.append(f"position by {metres:.3g} m{positions}")
-    if a.rotation != b.rotation:
+    if recorded_key.rotation != requested_key.rotation:
         angles = _both(recorded.pose.angles(), requested.pose.angles())
         parts.append(f"orientation by {np.degrees(turn):.3g} deg of yaw, pitch, roll{angles}")
-    if a.fov_deg != b.fov_deg:
+    if recorded_key.fov_deg != requested_key.fov_deg:
         fovs = _both([recorded.fov_deg], [requested.fov_deg])
         parts.append(f"field of view by {np.degrees(opening):.3g} deg{fovs}")
-    if a.lens != b.lens:
+    if recorded_key.lens != requested_key.lens:
         parts.append(f"lens: {recorded.lens} recorded, {requested.lens} requested")
-    if (a.width, a.height) != (b.width, b.height):
-        parts.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
+    if (recorded.width, recorded.height) != (requested.width, requested.height):
+        sizes = f"{recorded.width} x {recorded.height} recorded, {requested.width} x {requested.height} px"
+        parts.append(f"size: {sizes} requested")
     return "; ".join(parts)
 
 
