@@ -14,6 +14,9 @@ from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, NoReturn, Self, TypeVar, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
 from omniscv.errors import ArgumentError, SourceError
@@ -64,6 +67,7 @@ class Capabilities:
         varies: what of ``objects``, ``lights``, ``materials`` can be varied (:mod:`omniscv.job.vary`);
             ``commands``: what commands of the job set.
         traces: whether it tells what single rays meet (:meth:`Source.trace`).
+        shades: whether it tells the colours that single rays meet (:meth:`Source.shade`).
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -81,6 +85,7 @@ class Capabilities:
     moves: bool = False
     varies: frozenset[str] = frozenset()
     traces: bool = False
+    shades: bool = False
 
 
 class Source(ABC):
@@ -134,6 +139,25 @@ class Source(ABC):
             ArgumentError: :attr:`Capabilities.traces` is False.
         """
         raise ArgumentError(f"source: expected one that traces rays, got {type(self).__name__}")
+
+    def shade(self, origins_w: Array, directions_w: Array) -> NDArray[np.float32]:
+        """Return the colours of what rays meet: those that :meth:`capture` shows, before rounding.
+
+        The image's sensor and its mean over several rays act on them, so nothing is clipped or filtered.
+
+        Args:
+            origins_w: (N, 3) metres, world frame; or (3,), of all rays.
+            directions_w: (N, 3) unit vectors, world frame.
+
+        Returns:
+            (N, 3) float32, RGB, where 1 is what an 8-bit capture shows as 255: linear light if
+            :attr:`Capabilities.transfer` is ``linear``, else codes of that transfer. The sky has colours,
+            too.
+
+        Raises:
+            ArgumentError: :attr:`Capabilities.shades` is False.
+        """
+        raise ArgumentError(f"source: expected one that shades rays, got {type(self).__name__}")
 
     def cover(self, view: View) -> tuple[View, ...]:
         """Return the views to request so that their captures together cover ``view``; the view itself first.
@@ -292,6 +316,7 @@ class SourceWrapper(Source):
     world = _attribute("world")
     capture = _forwarded(Source.capture)
     trace = _forwarded(Source.trace)
+    shade = _forwarded(Source.shade)
     objects = _forwarded(Source.objects)
     geometry = _forwarded(Source.geometry)
     cover = _forwarded(Source.cover)

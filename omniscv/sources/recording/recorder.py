@@ -96,7 +96,7 @@ class Recording(SourceWrapper):
     @property
     def capabilities(self) -> Capabilities:
         """Those of the source, but for single rays, which no recording holds."""
-        return replace(self._source.capabilities, traces=False)
+        return replace(self._source.capabilities, traces=False, shades=False)
 
     def objects(self) -> ObjectTable:
         """The objects, with those that the file held before; all are written to the file, with the shapes."""
