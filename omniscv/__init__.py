@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from omniscv.geometry import Pose
     from omniscv.geometry.instant import Instant, Motion, object_pose
     from omniscv.planning import RenderOptions
+    from omniscv.reprojection import reproject
     from omniscv.sources.recording import record
     from omniscv.sources.registry import open_source
 
@@ -29,6 +30,7 @@ _HOMES = {
     ".geometry": ("Pose",),
     ".geometry.instant": ("Instant", "Motion", "object_pose"),
     ".planning": ("RenderOptions",),
+    ".reprojection": ("reproject",),
     ".sources.recording": ("record",),
     ".sources.registry": ("open_source",),
 }
@@ -36,7 +38,7 @@ _HOMES = {
 
 __all__ = ["Instant", "Motion", "OmniImage", "OmniscvError", "Pose", "RenderOptions", "Renderer", "Rig",
            "RigCamera", "__version__", "cameras", "dataset", "object_pose", "open_source", "record", "render",
-           "render_rig", "truth"]  # fmt: skip
+           "render_rig", "reproject", "truth"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

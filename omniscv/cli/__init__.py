@@ -22,7 +22,8 @@ from omniscv.parallel import keep_freed_memory
 
 COMMANDS = {
     "demo": "reports", "render": "images", "record": "images", "plan": "images", "job": "images",
-    "look": "reports", "serve": "servers", "scenes": "servers", "cameras": "cameras",
+    "look": "reports", "reproject": "reprojecting", "serve": "servers", "scenes": "servers",
+    "cameras": "cameras",
     "recording": "recording", "dataset": "dataset", "chart": "reports", "evaluate": "reports",
     "doctor": "servers", "send": "servers",
 }  # fmt: skip

@@ -1,0 +1,156 @@
+"""``omniscv reproject``: pictures of one camera as another one at the same place would have taken them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option, Typer
+
+from omniscv.cli import console, options
+from omniscv.cli.console import StyleOption, display
+from omniscv.errors import ArgumentError
+from omniscv.progress import Progress
+
+if TYPE_CHECKING:
+    from omniscv.cameras import Camera
+
+app = Typer(add_completion=False)
+
+
+@app.command(
+    no_args_is_help=True,
+    epilog="Example: omniscv reproject photos/ fisheyes/ --camera fisheye-equidistant --size 1024x1024 "
+    "--set fov_deg=185\n\n"
+    "Example: omniscv reproject photo.jpg views/ --camera pinhole --size 1024x768 --set fov_deg=90 "
+    "--yaw 0,90,180,270",
+)
+def reproject(
+    source: Annotated[Path, Argument(metavar="IN", help="A picture, or a folder of pictures.")],
+    out: Annotated[Path, Argument(metavar="OUT", help="Folder of the new ones, under the same names.")],
+    camera: Annotated[str, Option(help="The new camera: a central model, or a calibration file.")],
+    size: Annotated[str, Option(help="Width x height of the new pictures, px.")] = "1024x512",
+    from_: Annotated[
+        str,
+        Option("--from", help="The camera that took the pictures: a central model, or a calibration file."),
+    ] = "equirectangular",
+    set_: Annotated[
+        list[str] | None, Option("--set", help="KEY=VALUE: a parameter of the new camera; repeatable.")
+    ] = None,
+    set_from: Annotated[
+        list[str] | None, Option("--set-from", help="KEY=VALUE: one of the old camera; repeatable.")
+    ] = None,
+    yaw: Annotated[
+        str, Option(help="Degrees to the left by which the new camera is turned; several with commas.")
+    ] = "0",
+    pitch: Annotated[float, Option(help="Degrees, nose up +.")] = 0.0,
+    roll: Annotated[float, Option(help="Degrees, right side down +.")] = 0.0,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace files of these names.")] = False,
+    progress: StyleOption = None,
+) -> None:
+    """Show pictures by another camera at the same place, such as 360 photos by a fisheye.
+
+    No depth is needed. Layers beside colours, NAME.labels.png or NAME.depth.exr, keep their values.
+    """
+    from omniscv.pictures import foreign
+
+    views = _views(yaw, pitch, roll)
+    to = _camera("--camera", camera, options.size(size), set_ or [])
+    files = [source]
+    if source.is_dir():
+        files = [path for path in sorted(source.iterdir()) if path.suffix.lower() in foreign.SUFFIXES]
+    if not files:
+        expected = f"IN: expected pictures ({', '.join(foreign.SUFFIXES)}) in {source}"
+        raise ArgumentError(f"{expected}, got a folder without any")
+    out.mkdir(parents=True, exist_ok=True)
+    with display("pictures", progress) as show:
+        for number, file in enumerate(files):
+            for name, rotation in views.items():
+                target = out / _with_view(file.name, name)
+                if target.exists() and not overwrite:
+                    raise ArgumentError(f"{target}: expected no file; choose another folder, or --overwrite")
+                _write(file, target, from_, set_from or [], to, rotation)
+            show(Progress(images=number + 1, of_images=len(files)))
+    count = len(files) * len(views)
+    console.document(f"{count} {'picture' if count == 1 else 'pictures'} in {out}/")
+
+
+def _views(yaw: str, pitch: float, roll: float) -> dict[str, Any]:
+    """Return R_from_to of each view by what its files are called; empty for a single one."""
+    from omniscv.geometry import R_LEVEL, Pose
+
+    angles = options.numbers("--yaw", yaw, ",".join(["0"] * len(yaw.split(","))))
+    views = {}
+    for angle in angles:
+        R_w_c = Pose.from_angles((0, 0, 0), angle, pitch, roll).R_w_c
+        name = f"yaw{angle:g}" if len(angles) > 1 else ""
+        views[name] = R_LEVEL.T @ R_w_c
+    return views
+
+
+def _camera(option: str, text: str, size: tuple[int, int], settings: list[str]) -> Camera:
+    """Return the camera that an option names, in a size."""
+    from omniscv.calibration import load
+    from omniscv.cameras import create
+
+    if options.is_calibration(text):
+        if settings:
+            raise ArgumentError(
+                f"{option}: expected no parameters beside a calibration file, got {settings[0]!r}"
+            )
+        cameras = load(Path(text), size=size)
+        if len(cameras) != 1:
+            raise ArgumentError(f"{option}: expected a file with one camera, got {', '.join(cameras)}")
+        return next(iter(cameras.values()))
+    parameters = {}
+    for setting in settings:
+        name, value = options.setting(setting, "fov_deg=185")
+        parameters[name] = value
+    return create(text, width=size[0], height=size[1], **parameters)
+
+
+def _with_view(name: str, view: str) -> str:
+    """Return a file's name with that of a view after its stem; layers stay last: ``A.labels.png``."""
+    stem, dot, ending = name.partition(".")
+    return f"{stem}_{view}{dot}{ending}" if view else name
+
+
+def _layer_of(file: Path) -> str:
+    """Return the layer that a file's name says, as ``STEM.LAYER.SUFFIX`` does; else colours."""
+    from omniscv import modalities
+
+    names = {row.name for row in modalities.layers()}
+    layer = file.stem.rpartition(".")[2]
+    return layer if layer in names and layer != file.stem else "lit"
+
+
+def _write(file: Path, target: Path, from_: str, set_from: list[str], to: Camera, rotation: Any) -> None:
+    """Write what another camera shows of a picture."""
+    from omniscv import modalities
+    from omniscv import reproject as reprojected
+    from omniscv.compose import files
+    from omniscv.pictures import foreign, forms
+
+    layer = _layer_of(file)
+    row = modalities.get(layer)
+    if forms.form_of(target).write is None:
+        raise ArgumentError(
+            f"{target.name}: expected a form that can be written, such as png, jpg, exr, tiff"
+        )
+    pixels = files.read(file, layer) if layer != "lit" else foreign.read(file).pixels
+    camera = _camera("--from", from_, (pixels.shape[1], pixels.shape[0]), set_from)
+    if from_ == "equirectangular" and not set_from and pixels.shape[1] != 2 * pixels.shape[0]:
+        size = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise ArgumentError(f"{file}: expected a panorama of 2:1, got {size}; name its camera by --from")
+    blended = row.interpolation == "blended"
+    made = reprojected(
+        pixels,
+        from_=camera,
+        to=to,
+        rotation=rotation,
+        filter="area" if blended else "nearest",
+        transfer="srgb",
+    )
+    if row.interpolation in ("plane", "direction"):
+        made = (made @ rotation).astype(made.dtype)
+    files.write_picture(target, made[..., 0] if made.shape[2:] == (1,) else made, row)
