@@ -38,8 +38,8 @@ def test_every_camera_shows_what_a_panorama_shows(name):
     made = omniscv.reproject(picture, from_=PANORAMA, to=camera, rotation=TURNED, filter="bilinear")
     rays = camera.unproject()
     expected = wave(np.where(rays.valid[..., None], rays.directions, 1.0) @ TURNED.T)
-    # Bilinear interpolation is off by an eighth of the second differences along both axes; at the poles, beyond
-    # the middle of the first and the last row, by a slope of 3 over half a row.
+    # Bilinear interpolation is off by an eighth of the second differences along both axes; at the poles,
+    # beyond the middle of the first and the last row, by a slope of 3 over half a row.
     step = 2 * np.pi / PANORAMA.width
     off = np.abs(made - expected)[rays.valid]
     assert np.quantile(off, 0.995) < 2 * 9 * step**2 / 8 + 1e-4
