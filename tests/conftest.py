@@ -11,6 +11,8 @@ import pytest
 from hypothesis import settings
 
 from omniscv import parallel
+from omniscv.compose.composition import Composing
+from omniscv.planning import Plan
 
 _HERE = Path(__file__).parent
 
@@ -62,6 +64,39 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _turn(item: pytest.Item) -> int:
     folder = item.path.relative_to(_HERE).parts[0]
     return _FIRST.index(folder) if folder in _FIRST else len(_FIRST)
+
+
+class CentralRays:
+    """Whether images of central cameras may take ground truth by rays: in tests marked ``rays`` alone.
+
+    What the others say of planning and composition would else be said of rays, which need neither. Hooks
+    switch, and no fixture, as those of modules are made before those of tests.
+    """
+
+    allowed = False
+
+
+_by_rays = Plan.by_rays
+_trace = Composing._trace
+
+
+def _by_rays_if_allowed(plan: Plan) -> Plan:
+    return plan if plan.rays.one_center and not CentralRays.allowed else _by_rays(plan)
+
+
+def _trace_if_allowed(composing: Composing) -> None:
+    if composing._plan.rays.one_center and not CentralRays.allowed:
+        raise AssertionError("a central image was traced: mark the test 'rays', or give captures alone")
+    _trace(composing)
+
+
+Plan.by_rays = _by_rays_if_allowed  # type: ignore[method-assign]
+Composing._trace = _trace_if_allowed  # type: ignore[method-assign]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    CentralRays.allowed = item.get_closest_marker("rays") is not None
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
 from omniscv.progress import Steps, counted
 from omniscv.render_options import PRICE, Price
-from omniscv.sources.base import Request, Source
+from omniscv.sources.base import CapturesAlone, Request, Source
 from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
@@ -115,7 +115,7 @@ def measure_own(
     """Measure one camera in an open source, by every series of strategies.
 
     Seconds of capturing are modelled where it traces or replays, else measured; wrong pixels are known where
-    it traces.
+    it traces. Images are made of captures alone, as rays cannot judge images that are made by them.
 
     Args:
         name: of the camera, in the chart.
@@ -127,7 +127,7 @@ def measure_own(
     """
     tracer = source if source.capabilities.traces else None
     face_px = max(32, camera.width // 4)
-    return _measured({name: camera}, pose, source, tracer, face_px, asked, progress)
+    return _measured({name: camera}, pose, CapturesAlone(source), tracer, face_px, asked, progress)
 
 
 def _measured(

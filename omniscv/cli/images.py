@@ -258,6 +258,8 @@ def _print_costs(priced: Sequence[tuple[str, Any]]) -> None:
     rows = []
     for name, cost in priced:
         captures = str(cost.requests) if cost.most == cost.requests else f"{cost.requests} to {cost.most}"
+        if cost.traced:
+            captures += f", {', '.join(cost.traced)} by rays"
         marked = f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown"
         row = [cost.way, captures, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}", marked]
         rows.append([name, *row] if has_worlds else row)

@@ -18,7 +18,7 @@ from omniscv.depth.nearest import boundaries
 from omniscv.depth.relief import depth_relief, planar_errors
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, reads_few, stacked
 from omniscv.planning import Captures, KnownDepth, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
 from omniscv.planning.rounds import FINER, pixels_of
@@ -26,7 +26,7 @@ from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
 from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
-from omniscv.sources.base import Capture, Source, View
+from omniscv.sources.base import Capture, Source, Traced, View
 from omniscv.sources.developing import stands_for_sky
 
 _FLOAT32 = 2.0**-23
@@ -86,28 +86,38 @@ class Composing:
     def _trace(self) -> None:
         """Put the ground truth that comes by one ray a pixel, exact but for the digits of float32."""
         plan = self._plan
-        pixels = np.flatnonzero(self._plan.rays.valid)
-        origins_w = plan.origins_w(pixels)
-        center_w = plan.pose.t_w_c
-        distance, label, normal = self._source.trace(origins_w, plan.directions_w(pixels))
-        if plan.options.sky:
-            sky = stands_for_sky(label, self._source.objects(), plan.options)
-            self._canvas.put_part("sky", pixels, sky)
+        for pixels, origins_w, directions_w in plan.world_rays():
+            self._put_traced(pixels, self._source.trace(origins_w, directions_w))
+            self._canvas.put_centers(pixels, origins_w)
+            if not plan.rays.one_center:
+                self._mark_occluded(pixels, origins_w)
+        self._shown = (*self._modes, *plan.traced)
+        self._provenance = {**self._provenance, "traced": list(plan.traced)}
+
+    def _put_traced(self, pixels: Ints, traced: Traced) -> None:
+        """Put what the rays of (N,) pixels meet, and its marks."""
+        plan = self._plan
+        distance, label, normal = traced
+        objects = self._source.objects() if plan.options.sky or "object_mask" in plan.traced else None
+        if plan.options.sky and objects is not None:
+            self._canvas.put_part("sky", pixels, stands_for_sky(label, objects, plan.options))
         error = np.where(np.isfinite(distance), distance * _FLOAT32, 0).astype(np.float32)
-        masks = self._source.objects().mask_values() if "object_mask" in plan.traced else label
-        values = {"depth": distance.astype(np.float32), "object_mask": masks[label]}
+        masks = label if objects is None else objects.mask_values()[label]
+        values = {"depth": distance.astype(np.float32), "object_mask": masks}
         marks = {"depth_error": error, "label_edge": np.zeros(len(pixels), np.bool_)}
         for mode in plan.traced:
             self._canvas.put_part(mode, pixels, values.get(mode, normal.astype(np.float32)))
             if mark := modalities.get(mode).marked_by:
                 self._canvas.put_part(mark, pixels, marks[mark])
-        self._canvas.put_centers(pixels, origins_w)
+
+    def _mark_occluded(self, pixels: Ints, origins_w: Array) -> None:
+        """Mark the pixels whose optical centres (N, 3) the camera's position does not see."""
+        center_w = self._plan.pose.t_w_c
         away = np.linalg.norm(origins_w - center_w, axis=-1)
         apart = np.flatnonzero(away > SAME_M)
         toward = (origins_w[apart] - center_w) / away[apart, None]
         hidden = self._source.trace(center_w, toward).distance < away[apart] * (1 - SAME_M)
         self._canvas.put_part("occluded", pixels[apart], hidden)
-        self._shown = (*self._modes, *plan.traced)
 
     def _capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
@@ -168,7 +178,9 @@ class Composing:
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=plan.options,
-            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
+            effort=Effort(
+                self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy, plan.traced
+            ),
         )  # fmt: skip
 
     def _doubted(self) -> Doubted:

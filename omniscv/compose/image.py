@@ -40,12 +40,14 @@ class Effort:
         stopped: why captures did not become finer: ``aim`` where the accuracy is reached; empty for images
             that have none.
         strategy: that made the captures: ``exact`` where the source cannot do what ``auto`` needs.
+        traced: modes that took no captures: the source told what the ray of each pixel meets.
     """
 
     captures: int = 0
     megapixels: float = 0.0
     stopped: str = ""
     strategy: str = ""
+    traced: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,6 +257,8 @@ class OmniImage:
         reached = {}
         if self.effort.stopped:
             effort = asdict(self.effort)
+            if not self.effort.traced:
+                del effort["traced"]
             reached = {"accuracy": {**effort, "doubtful": self.doubtful, "seconds": self.seconds}}
         transfer = {}
         if self.lit is not None and self.transfer != "unknown":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -23,6 +23,8 @@ from omniscv.sources.base import Capabilities, Request, View
 from omniscv.sources.recorded_views import RecordedViews
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
+_TRACED_RAYS = 1 << 18
+"""Rays that are traced together: what a source holds of them meanwhile, some 200 bytes a ray, is bounded."""
 
 
 class Doubted(NamedTuple):
@@ -129,19 +131,27 @@ class Plan:
         return any(round_.informs for round_ in self.made or ())
 
     def by_rays(self) -> Plan:
-        """Return the plan with ground truth by one ray a pixel, which needs no captures: where the source
-        traces rays, and the strategy looks from each pixel's own optical centre, of which there are several.
+        """Return the plan with ground truth by one ray a pixel, which needs no captures.
+
+        It is the plan itself where the source traces no rays, or where the strategy or the options have
+        pixels share optical centres that are not their own.
         """
         own = get(self.options.strategy).own_centers and self.options.viewpoints is None
-        if not (self.capabilities.traces and own) or self.rays.one_center:
+        if not (self.capabilities.traces and own):
             return self
         traced = tuple(mode for mode in self.modes if modalities.get(mode).truth)
         captured = tuple(mode for mode in self.modes if mode not in traced)
         return replace(self, modes=captured, traced=traced, made=self.made if captured else ())
 
     def make(self, modes: Sequence[str]) -> Plan:
-        """Return the plan with its rounds made for what is captured in some modes, without capturing."""
-        made = replace(self, modes=tuple(modes))
+        """Return the plan with its rounds made for what is captured in some modes, without capturing.
+
+        Modes that are traced are left out: there are no rounds where nothing else is wanted.
+        """
+        captured = tuple(mode for mode in modes if mode not in self.traced)
+        made = replace(self, modes=captured)
+        if self.traced and not captured:
+            return replace(made, made=())
         return replace(made, made=tuple(made.rounds()))
 
     @cached_property
@@ -182,13 +192,28 @@ class Plan:
         return self.rays.groups(viewpoints if count is None else count)
 
     def origins_w(self, pixels: Ints) -> Array:
-        """Return (N, 3) the optical centres of a non-central camera's pixels, world frame, metres."""
-        assert self.rays.origins is not None
+        """Return the optical centres of pixels, (N, 3) or, of a central camera, (3,); world frame, metres."""
+        if self.rays.origins is None:
+            return self.pose.t_w_c
         return self.pose.to_world(self.rays.origins.reshape(-1, 3)[pixels])
 
     def directions_w(self, pixels: Ints) -> Array:
         """Return (N, 3) the unit rays of pixels, world frame."""
         return rotated(RayGroup(np.zeros(3), pixels, self.rays).directions, self.pose.R_w_c)
+
+    def world_rays(self) -> Iterator[tuple[Ints, Array, Array]]:
+        """Yield all valid pixels in blocks: their (N,) flat indices, origins and directions, world frame.
+
+        Origins are metres, as :meth:`origins_w` has them; directions are (N, 3) unit vectors.
+        """
+        pixels = np.flatnonzero(self.rays.valid)
+        for block in self.rays.blocks(pixels):
+            of_block = pixels[block.part]
+            directions_c = block.directions
+            for first in range(0, len(of_block), _TRACED_RAYS):
+                some = slice(first, first + _TRACED_RAYS)
+                directions_w = rotated(directions_c[some], self.pose.R_w_c)
+                yield of_block[some], self.origins_w(of_block[some]), directions_w
 
 
 class Strategy(ABC):

@@ -96,6 +96,8 @@ def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
     own = [plan.make(modes) for plan in plans]
     best = own
     least = _work(own)
+    if least == 0:
+        return own
     everybody = list(range(len(plans)))
     # A narrow camera that one view holds may need finer faces than all others.
     wide = [i for i in everybody if _view_count(own[i]) > 1]
@@ -139,6 +141,7 @@ class Cost:
         seconds: by the price of captures.
         marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
             where the options have optical centres shared, which nothing is known of.
+        traced: modes that are not captured: they come by one ray a pixel.
     """
 
     way: str
@@ -147,6 +150,7 @@ class Cost:
     seconds: float
     most: int = 0
     marked: float = 0.0
+    traced: tuple[str, ...] = ()
 
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
@@ -157,6 +161,7 @@ class Cost:
             seconds=self.seconds + other.seconds,
             most=self.most + other.most,
             marked=max(self.marked, other.marked),
+            traced=self.traced or other.traced,
         )
 
     def times(self, factor: float) -> Cost:
@@ -190,9 +195,11 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     for plans in frames:
         changed = [replace(plan.by(**changes), modes=tuple(modes)).by_rays() for plan in plans]
         price = Price(*changed[0].options.capture_ms)
+        total = replace(total, traced=total.traced or changed[0].traced)
         for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
             shared |= plan.requests or plan.make(modes).requests
-            total = replace(total, marked=max(total.marked, _MARKED))
+            if not plan.traced:
+                total = replace(total, marked=max(total.marked, _MARKED))
         for plan in filter(_is_apart, changed):
             position = plan.pose.position.tobytes()
             rotation = plan.pose.rotation.tobytes()

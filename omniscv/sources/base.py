@@ -343,6 +343,17 @@ class SourceWrapper(Source):
         return self.around(self._source.at(instant))
 
 
+class CapturesAlone(SourceWrapper):
+    """A source whose rays are not used: images take all from captures, as from an engine."""
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return replace(self._source.capabilities, traces=False, shades=False)
+
+    def around(self, source: Source) -> Source:
+        return CapturesAlone(source)
+
+
 class SourceView(SourceWrapper):
     """A source that stays open when this is closed; ``undo`` is called then."""
 

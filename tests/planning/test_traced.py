@@ -1,5 +1,7 @@
 """Ground truth by one ray a pixel, of sources that trace; rays marched through depth from another centre."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.exact import float_source
@@ -11,7 +13,10 @@ from omniscv.depth.depth_shell import depth_shell
 from omniscv.depth.ray_marching import march
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
+from omniscv.planning.sharing import cost
 from omniscv.sources.base import Request, View
+
+pytestmark = pytest.mark.rays
 
 POSE = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 20, -5, 3)
 CAMERAS = {
@@ -21,15 +26,22 @@ CAMERAS = {
     ),
     "push-broom": omniscv.cameras.create("push-broom", width=40, height=30, travel=(1, 0.2, 0), fov_deg=90),
 }
+CENTRAL = {
+    "pinhole": omniscv.cameras.create("pinhole", width=40, height=30, fov_deg=80),
+    "fisheye": omniscv.cameras.create("fisheye-equidistant", width=48, height=48, fov_deg=200),
+    "panorama": omniscv.cameras.create("equirectangular", width=64, height=32),
+}
 DATA = ("object_mask", "depth", "normals")
 
 
-@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+@pytest.mark.parametrize("camera", [*CAMERAS.values(), *CENTRAL.values()], ids=[*CAMERAS, *CENTRAL])
 @pytest.mark.parametrize("strategy", ["auto", "exact"])
 @pytest.mark.parametrize("masks", ["ids", "colors"])
 def test_each_pixel_shows_what_its_own_ray_meets(camera, strategy, masks):
     with omniscv.open_source(f"scene://courtyard?masks={masks}") as source:
         image = omniscv.render(camera, POSE, source, DATA, strategy=strategy)
+        assert image.effort.traced == DATA
+        assert image.provenance["traced"] == list(DATA)
         truth = traced(source, camera, POSE)
         table = source.objects()
     valid = image.valid
@@ -90,10 +102,70 @@ def test_colours_beside_them_are_captured_as_alone_and_centres_behind_a_wall_are
     assert np.array_equal(image.lit, alone.lit)
     assert np.array_equal(image.unsure, alone.unsure)
     assert np.array_equal(image.labels, labels)
-    assert image.effort == alone.effort
+    assert image.effort == replace(alone.effort, traced=DATA)
     outside = marked.centers_w[..., 0] > 3
     assert 0.1 < outside.mean() < 0.5
     assert (marked["occluded"] == outside).all()
+
+
+@pytest.mark.parametrize("camera", CENTRAL.values(), ids=CENTRAL)
+def test_central_colours_are_captured_beside_rays(camera):
+    """The same faces as without ground truth; ``cube`` and ``?traces=0`` capture all."""
+    with omniscv.open_source("scene://four-wall") as source:
+        alone = omniscv.render(camera, POSE, source, ("lit",))
+        image = omniscv.render(camera, POSE, source, ("lit", *DATA))
+        cube = omniscv.render(camera, POSE, source, DATA, strategy="cube")
+        labels = traced(source, camera, POSE).label
+    with omniscv.open_source("scene://four-wall?traces=0") as source:
+        captured = omniscv.render(camera, POSE, source, DATA)
+    assert np.array_equal(image.lit, alone.lit)
+    assert np.array_equal(image.labels[image.valid], labels[image.valid])
+    assert image.effort.captures == alone.effort.captures
+    assert "occluded" not in image.layers
+    for other in (cube, captured):
+        assert other.effort.captures > 0
+        assert other.effort.traced == ()
+        assert "traced" not in other.provenance
+
+
+def test_central_cameras_at_one_place_share_captures_of_colours_alone():
+    turned = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 90, -5, 3)
+    shots = [(CENTRAL["fisheye"], POSE), (CENTRAL["fisheye"], turned)]
+    with omniscv.open_source("scene://four-wall") as source:
+        renderer = omniscv.Renderer(source)
+        colors = list(renderer.render_together(shots, ("lit",)))
+        images = list(renderer.render_together(shots, ("lit", *DATA)))
+        data = list(renderer.render_together(shots, DATA))
+    for image, alone, pure in zip(images, colors, data, strict=True):
+        assert np.array_equal(image.lit, alone.lit)
+        assert image.effort.captures == alone.effort.captures
+        assert pure.effort.captures == 0
+        for mode in ("labels", "depth", "normals"):
+            assert np.array_equal(image[mode], pure[mode])
+
+
+def test_an_image_in_blocks_of_rows_shows_what_its_rays_meet():
+    """Memory for a seventh of the image: several blocks, each cut where it is traced."""
+    camera = omniscv.cameras.create("equirectangular", width=128, height=64)
+    with omniscv.open_source("scene://courtyard") as source:
+        whole = omniscv.render(camera, POSE, source, DATA)
+        small = omniscv.Renderer(source, cache_bytes=0, tile_bytes=128 * camera.width * 10)
+        image = small.render(camera, POSE, DATA)
+    assert not small.plan(camera, POSE).rays.kept
+    for name in whole.layers:
+        assert np.array_equal(whole[name], image[name]), name
+
+
+def test_plans_cost_no_captures_of_what_rays_tell():
+    camera = CENTRAL["fisheye"]
+    with omniscv.open_source("scene://four-wall") as source:
+        plan = omniscv.Renderer(source).plan(camera, POSE)
+    data = cost("auto", [[plan]], DATA)
+    both = cost("auto", [[plan]], ("lit", *DATA))
+    colors = cost("auto", [[plan]], ("lit",))
+    assert (data.requests, data.pixels, data.marked, data.traced) == (0, 0, 0.0, DATA)
+    assert (both.requests, both.pixels, both.traced) == (colors.requests, colors.pixels, DATA)
+    assert cost("cube", [[plan]], DATA, strategy="cube").requests > 0
 
 
 def test_a_recording_holds_captures_in_place_of_rays(tmp_path):

@@ -60,6 +60,8 @@ class Settings:
             all views of one centre agree; ``camera``: as the viewer's, which turns with each view;
             ``ambient``: without a direction; ``off``.
         fog: whether the model's fog is drawn; it differs between views of one centre.
+        traces: whether images may take masks, depth and normals by one ray a pixel, without captures; not
+            with ``data=raster``.
     """
 
     keyframe: str | None = checked(_keyframe, default=None)
@@ -71,6 +73,7 @@ class Settings:
     numslices: int = checked(partial(whole_number, least=4, most=1024), default=128)
     headlight: Headlight = checked(one_of, words=get_args(Headlight), default="center")
     fog: bool = checked(_flag, default=False)
+    traces: bool = checked(_flag, default=True)
 
 
 def _read_numbers(path: Path) -> Any:

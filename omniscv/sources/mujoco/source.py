@@ -80,6 +80,7 @@ class MujocoSource(Rendered):
     def capabilities(self) -> Capabilities:
         """Without normals and rays where data come from the renderer, without colours where it is off."""
         can = CAPABILITIES if self._settings.data == "rays" else _RASTER
+        can = replace(can, traces=can.traces and self._settings.traces)
         if hasattr(self._model.mujoco, "GLContext"):
             return can
         return replace(can, modes=can.modes - {"lit"})
@@ -231,7 +232,9 @@ def from_model(
     data = mujoco.MjData(model) if data is None else copy.copy(data)
     size = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, size)
-    shown_as = repr(sorted(asdict(settings).items())).encode()
+    appearance = asdict(settings)
+    del appearance["traces"]  # no capture depends on it
+    shown_as = repr(sorted(appearance.items())).encode()
     digest = hashlib.sha256(size.tobytes() + shown_as).hexdigest()[:16]
     return MujocoSource(Model(model, data, settings), SceneIdentity(name, content=digest))
 
@@ -284,7 +287,7 @@ def _advice_on_camera(known: Mapping[str, View], path: str, name: str) -> Argume
     return ArgumentError(f"source: {path}: {expected}; {instead}; {moving}")
 
 
-_TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
+_TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog", "traces")
 
 
 def _mujoco(what: str) -> Any:

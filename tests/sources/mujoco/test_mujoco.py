@@ -329,3 +329,27 @@ def test_a_job_moves_bodies_along_a_trajectory_and_draws_materials(tmp_path):
     np.testing.assert_allclose([of["post"] for of in poses], [(-1, 1, 0.6), (-1, 0.5, 0.6)], atol=1e-9)
     np.testing.assert_allclose([of["arm"] for of in poses], [(-1, 1, 1.2), (-1, 0.5, 1.2)], atol=1e-9)
     assert all(rgba in ([0, 1, 0], [0, 0, 1]) for rgba in varied)
+
+
+PANORAMA = omniscv.cameras.create("equirectangular", width=64, height=32)
+
+
+@pytest.mark.rays
+def test_truth_of_a_panorama_comes_by_rays_unless_the_address_says_otherwise(room):
+    """Where neither says that it may be wrong, rays and captures have the same labels and depth."""
+    pose = Pose.from_angles(CENTER, 20)
+    rays = omniscv.render(PANORAMA, pose, room, DATA)
+    with omniscv.open_source(f"mujoco://{ROOM}?traces=0") as source:
+        assert source.scene_identity == room.scene_identity
+        captured = omniscv.render(PANORAMA, pose, source, DATA)
+    assert rays.effort.captures == 0
+    assert rays.effort.traced == DATA
+    assert captured.effort.captures > 0
+    assert captured.effort.traced == ()
+    assert rays.doubtful == 0
+    sure = ~captured.doubt
+    assert sure.mean() > 0.8
+    assert np.array_equal(rays.labels[sure], captured.labels[sure])
+    met = sure & np.isfinite(rays.depth)
+    bound = captured.depth_error[met] + rays.depth_error[met]
+    assert (np.abs(rays.depth[met] - captured.depth[met]) <= bound).all()
