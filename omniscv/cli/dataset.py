@@ -194,6 +194,26 @@ def info(folder: Dataset, as_json: AsJson = False) -> None:
         console.summary(info(folder))
 
 
+@app.command(epilog="Example: omniscv dataset card dataset --name Rooms --license CC-BY-4.0")
+def card(
+    folder: Annotated[Path, Argument(metavar="DIR", help="A dataset in a folder.")],
+    name: Annotated[str | None, Option(help="Of the dataset; else the folder's.")] = None,
+    license: Annotated[
+        str | None, Option(help="An identifier of SPDX, such as CC-BY-4.0; unknown if not given.")
+    ] = None,
+    creator: Annotated[str, Option(help="A person or group.")] = "",
+    url: Annotated[str, Option(help="Where it is published.")] = "",
+) -> None:
+    """Write what strangers and archives read: README.md, croissant.json, codemeta.json, .zenodo.json."""
+    from omniscv.dataset.card import UNKNOWN, About, write_card
+
+    about = About(name or folder.resolve().name, license or UNKNOWN, creator, url)
+    for path in write_card(folder, about):
+        console.line(str(path))
+    if license is None:
+        console.error("the card says that the licence is unknown; --license states one")
+
+
 @app.command(epilog="Example: omniscv dataset classes scene://four-wall classes.yaml")
 def classes(
     scene: Annotated[
