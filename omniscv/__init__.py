@@ -7,7 +7,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from omniscv import cameras, dataset, truth
+    from omniscv import cameras, dataset, score, truth
     from omniscv.cameras.rig import Rig, RigCamera
     from omniscv.compose.image import OmniImage
     from omniscv.compose.renderer import Renderer, render, render_rig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _HOMES = {
-    "": ("cameras", "dataset", "modalities", "planning", "sources", "truth"),
+    "": ("cameras", "dataset", "modalities", "planning", "score", "sources", "truth"),
     ".cameras.rig": ("Rig", "RigCamera"),
     ".compose.image": ("OmniImage",),
     ".compose.renderer": ("Renderer", "render", "render_rig"),
@@ -38,7 +38,7 @@ _HOMES = {
 
 __all__ = ["Instant", "Motion", "OmniImage", "OmniscvError", "Pose", "RenderOptions", "Renderer", "Rig",
            "RigCamera", "__version__", "cameras", "dataset", "object_pose", "open_source", "record", "render",
-           "render_rig", "reproject", "truth"]  # fmt: skip
+           "render_rig", "reproject", "score", "truth"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

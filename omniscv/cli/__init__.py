@@ -22,8 +22,8 @@ from omniscv.parallel import keep_freed_memory
 
 COMMANDS = {
     "demo": "reports", "render": "images", "record": "images", "plan": "images", "job": "images",
-    "look": "reports", "reproject": "reprojecting", "serve": "servers", "scenes": "servers",
-    "cameras": "cameras",
+    "look": "reports", "reproject": "reprojecting", "score": "scoring", "serve": "servers",
+    "scenes": "servers", "cameras": "cameras",
     "recording": "recording", "dataset": "dataset", "chart": "reports", "evaluate": "reports",
     "doctor": "servers", "send": "servers",
 }  # fmt: skip

@@ -1,0 +1,20 @@
+"""Score anybody's depth against truth that knows its own doubt.
+
+::
+
+    scores = omniscv.score.depth(predicted, truth, camera, doubt=doubt)
+    scores.by_solid_angle.abs_rel
+
+Pixels of a panorama are not alike: those beyond 60 degrees of latitude are a third of the picture and a
+seventh of the sphere. So each measure comes twice, by pixels, as papers have it, and by solid angle. Pixels
+whose truth is in doubt are left out and counted.
+"""
+
+from omniscv.score.alignment import ALIGNMENTS, align
+from omniscv.score.areas import solid_angles
+from omniscv.score.measures import DepthMeasures, DepthScores, depth
+from omniscv.score.mistakes import Mistake, find_mistakes
+
+__all__ = [
+    "ALIGNMENTS", "DepthMeasures", "DepthScores", "Mistake", "align", "depth", "find_mistakes", "solid_angles"
+]  # fmt: skip

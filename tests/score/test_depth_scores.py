@@ -1,0 +1,166 @@
+"""Scores of depth, judged by sums in plain Python, closed forms of solid angles and planted mistakes."""
+
+import math
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv import Pose, score
+from omniscv.cameras import create, model, names
+from omniscv.errors import ArgumentError
+
+PANORAMA = create("equirectangular", width=128, height=64)
+PINHOLE = create("pinhole", width=64, height=48, fov_deg=100)
+RNG = np.random.default_rng(7)
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    """Exact depth of a room by a panorama and a pinhole."""
+    made = {}
+    with omniscv.open_source("scene://four-wall") as scene:
+        for camera in (PANORAMA, PINHOLE):
+            image = omniscv.render(camera, Pose.from_angles((0.4, 0.3, 1.4), 25), scene, ("depth",))
+            made[camera.name] = np.asarray(image.depth, np.float64)
+    return made
+
+
+def noisy(depth, share=0.05, seed=7):
+    """Depth with a low-passed error of a share, as networks have it."""
+    coarse = np.random.default_rng(seed).normal(size=(depth.shape[0] // 8 + 2, depth.shape[1] // 8 + 2))
+    smooth = np.kron(coarse, np.ones((8, 8)))[: depth.shape[0], : depth.shape[1]]
+    return depth * (1 + share * smooth)
+
+
+def test_measures_are_their_definitions():
+    p = RNG.uniform(1, 5, 40)
+    t = RNG.uniform(1, 5, 40)
+    w = RNG.uniform(0.1, 1, 40)
+    found = score.measures.measures(p, t, w)
+    total = math.fsum(w)
+    logs = [math.log(a) - math.log(b) for a, b in zip(p, t, strict=True)]
+    mean_log = math.fsum(x * weight for x, weight in zip(logs, w, strict=True)) / total
+    expected = {"abs_rel": 0.0, "sq_rel": 0.0, "mae": 0.0, "delta1": 0.0, "delta2": 0.0, "inlier3": 0.0}
+    square = variance = 0.0
+    for a, b, weight, log in zip(p, t, w, logs, strict=True):
+        share = weight / total
+        expected["abs_rel"] += share * abs(a - b) / b
+        expected["sq_rel"] += share * (a - b) ** 2 / b
+        expected["mae"] += share * abs(a - b)
+        expected["delta1"] += share * (max(a / b, b / a) < 1.25)
+        expected["delta2"] += share * (max(a / b, b / a) < 1.5625)
+        expected["inlier3"] += share * (max(a / b, b / a) < 1.03)
+        square += share * (a - b) ** 2
+        variance += share * (log - mean_log) ** 2
+    for name, value in expected.items():
+        assert getattr(found, name) == pytest.approx(value, rel=1e-12)
+    assert found.rmse == pytest.approx(math.sqrt(square), rel=1e-12)
+    assert found.silog == pytest.approx(100 * math.sqrt(variance), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("camera", "expected", "relative"),
+    [
+        (PANORAMA, 4 * math.pi, 1e-6),
+        (create("cube-map", width=96, height=64, layout="3x2"), 4 * math.pi, 1e-6),
+        (create("pinhole", width=64, height=64, fov_deg=90), 4 * math.pi / 6, 1e-6),
+        # Where a circle bounds the picture, its border pixels are measured in parts.
+        (create("fisheye-equidistant", width=256, height=256, fov_deg=185), None, 1e-4),
+    ],
+    ids=["panorama", "cube", "face", "fisheye"],
+)
+def test_solid_angles_fill_the_field_of_view(camera, expected, relative):
+    if expected is None:
+        expected = 2 * math.pi * (1 - math.cos(math.radians(185 / 2)))
+    assert score.solid_angles(camera).sum() == pytest.approx(expected, rel=relative)
+
+
+@pytest.mark.parametrize("name", sorted(name for name in names() if model(name).central))
+def test_solid_angles_of_all_central_cameras_are_positive_where_pixels_are_valid(name):
+    camera = model(name).example(48)
+    areas = score.solid_angles(camera)
+    assert (areas[camera.valid()] > 0).all()
+    assert (areas[~camera.valid()] >= 0).all()
+    assert areas.sum() <= 4 * math.pi * 1.001
+
+
+@pytest.mark.parametrize("align", ["median", "scale", "scale-shift"])
+def test_a_planted_scale_is_found(rooms, align):
+    scores = score.depth(3.7 * rooms["equirectangular"], rooms["equirectangular"], PANORAMA, align=align)
+    assert scores.by_pixel.abs_rel < 1e-9
+    assert scores.by_solid_angle.abs_rel < 1e-9
+
+
+def test_a_planted_scale_and_shift_of_disparity_are_found(rooms):
+    disparity = 0.4 / rooms["equirectangular"] + 0.1
+    scores = score.depth(
+        disparity, rooms["equirectangular"], PANORAMA, form="disparity", align="disparity-scale-shift"
+    )
+    assert scores.by_solid_angle.abs_rel < 1e-9
+
+
+def test_planar_depth_is_read_along_the_ray(rooms):
+    planar = rooms["pinhole"] * PINHOLE.unproject().directions[..., 2]
+    assert score.depth(planar, rooms["pinhole"], PINHOLE, form="planar").by_pixel.abs_rel < 1e-12
+    with pytest.raises(ArgumentError, match="'equirectangular' has no plane"):
+        score.depth(rooms["equirectangular"], rooms["equirectangular"], PANORAMA, form="planar")
+
+
+def test_pixels_in_doubt_are_left_out_and_those_without_a_value_counted(rooms):
+    truth = rooms["equirectangular"]
+    predicted = truth.copy()
+    predicted[:10] *= 9
+    predicted[20, :5] = (0, -1, np.inf, np.nan, 1e-300)
+    doubt = np.zeros(truth.shape, bool)
+    doubt[:10] = True
+    scores = score.depth(predicted, truth, PANORAMA, doubt=doubt)
+    assert (scores.in_doubt, scores.missing) == (10 * 128, 4)
+    assert scores.by_pixel.abs_rel == pytest.approx(1 / scores.compared, rel=1e-6)
+
+
+PLANTED = {
+    "planar": ("pinhole", lambda d: d * PINHOLE.unproject().directions[..., 2]),
+    "range": ("pinhole", lambda d: d / PINHOLE.unproject().directions[..., 2]),
+    "disparity": ("equirectangular", lambda d: 1 / d),
+    "unit 1000": ("equirectangular", lambda d: 1000 * d),
+    "unit 0.01": ("equirectangular", lambda d: 0.01 * d),
+    "mirrored": ("pinhole", np.fliplr),
+    "flipped": ("equirectangular", np.flipud),
+    "rolled": ("equirectangular", lambda d: np.rot90(d, 2)),
+    "shifted by 20 columns": ("equirectangular", lambda d: np.roll(d, 20, axis=1)),
+}
+
+
+@pytest.mark.parametrize("word", PLANTED)
+def test_a_planted_mistake_is_named(rooms, word):
+    camera, change = PLANTED[word]
+    found = score.find_mistakes(
+        noisy(change(rooms[camera])), rooms[camera], {"pinhole": PINHOLE}.get(camera, PANORAMA)
+    )
+    assert [mistake.word for mistake in found] == [word]
+    assert found[0].so < found[0].as_said
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_sound_prediction_has_no_mistake(rooms, seed):
+    for camera in (PANORAMA, PINHOLE):
+        depth = rooms[camera.name]
+        assert not score.find_mistakes(noisy(depth, 0.05 + 0.02 * (seed % 8), seed), depth, camera)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ({"predicted": np.ones((3, 4))}, "predicted: expected .* as its camera has"),
+        ({"predicted": np.zeros((64, 128))}, "expected a pixel with a value"),
+        ({"form": "depth"}, "form: expected"),
+        ({"align": "best"}, "align: expected"),
+    ],
+    ids=["size", "no value", "form", "alignment"],
+)
+def test_what_cannot_be_scored_is_refused(rooms, arguments, expected):
+    given = {"predicted": rooms["equirectangular"], "truth": rooms["equirectangular"], "camera": PANORAMA}
+    given |= arguments
+    with pytest.raises(ArgumentError, match=expected):
+        score.depth(given.pop("predicted"), given.pop("truth"), given.pop("camera"), **given)
