@@ -19,6 +19,10 @@ COMPARED = ("depth", "object_mask")
 """Modes that ``checks: beat`` captures once more."""
 PRICE = (5.0, 25.0)
 """Of :class:`Price`, unless it was measured."""
+COLOR_RAYS = (0, 1, 4, 9, 16)
+"""Rays of a pixel that its colour may be the mean of; 0: it is captured."""
+MEAN_RAYS = 4
+"""The same, of ``auto``, where captures are the worse way."""
 LARGEST_FACE_PX = 8192
 MOST_VIEWPOINTS = 1_000_000
 """As an image has columns, at most."""
@@ -48,6 +52,13 @@ def _face_size(name: str, value: object) -> Any:
     if value == "auto" or (type(value) is int and 1 <= value <= LARGEST_FACE_PX):
         return value
     raise wrong(name, f"'auto' or 1 to {LARGEST_FACE_PX} px", value)
+
+
+def _color_rays(name: str, value: object) -> Any:
+    """Return ``auto``, or how many rays a pixel's colour is the mean of."""
+    if value == "auto" or (type(value) is int and value in COLOR_RAYS):
+        return value
+    raise wrong(name, f"'auto' or one of {', '.join(map(str, COLOR_RAYS))}", value)
 
 
 def _accuracy(name: str, value: object) -> float | None:
@@ -103,6 +114,12 @@ class RenderOptions:
     )
     normals: Normals = word(
         Normals, default="captured", help="captured, or from-depth: of planes fitted to depth"
+    )
+    color_rays: int | Literal["auto"] = checked(
+        _color_rays,
+        default="auto",
+        help="rays of a pixel that colours are the mean of: 1, 4, 9, 16; 0: captures; or auto: 4 for cameras "
+        "with several optical centres, of a source that shades rays",
     )
 
     seams: Seams = word(
@@ -169,6 +186,7 @@ class RenderKeywords(TypedDict, total=False):
     filter: Filter
     truth_scale: int
     normals: Normals
+    color_rays: int | Literal["auto"]
     seams: Seams
     straighten: bool
     checks: Checks

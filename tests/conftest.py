@@ -78,20 +78,31 @@ class CentralRays:
 
 _by_rays = Plan.by_rays
 _trace = Composing._trace
+_shade = Composing._shade
 
 
 def _by_rays_if_allowed(plan: Plan) -> Plan:
     return plan if plan.rays.one_center and not CentralRays.allowed else _by_rays(plan)
 
 
-def _trace_if_allowed(composing: Composing) -> None:
+def _check_allowed(composing: Composing) -> None:
     if composing._plan.rays.one_center and not CentralRays.allowed:
         raise AssertionError("a central image was traced: mark the test 'rays', or give captures alone")
+
+
+def _trace_if_allowed(composing: Composing) -> None:
+    _check_allowed(composing)
     _trace(composing)
+
+
+def _shade_if_allowed(composing: Composing) -> None:
+    _check_allowed(composing)
+    _shade(composing)
 
 
 Plan.by_rays = _by_rays_if_allowed  # type: ignore[method-assign]
 Composing._trace = _trace_if_allowed  # type: ignore[method-assign]
+Composing._shade = _shade_if_allowed  # type: ignore[method-assign]
 
 
 @pytest.hookimpl(tryfirst=True)

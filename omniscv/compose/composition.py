@@ -80,6 +80,8 @@ class Composing:
         drive(replace(self._plan, doubt=self._doubted).rounds(), self._capture)
         if self._plan.traced:
             self._trace()
+        if self._plan.shaded:
+            self._shade()
         self._report(self._progress + Progress(images=1))
         return self._image(), self._canvas.sky
 
@@ -91,8 +93,34 @@ class Composing:
             self._canvas.put_centers(pixels, origins_w)
             if not plan.rays.one_center:
                 self._mark_occluded(pixels, origins_w)
-        self._shown = (*self._modes, *plan.traced)
+        self._shown = (*self._shown, *plan.traced)
         self._provenance = {**self._provenance, "traced": list(plan.traced)}
+
+    def _shade(self) -> None:
+        """Put colours that are the mean light of several rays of each pixel."""
+        plan = self._plan
+        can = self._source.capabilities
+        for pixels, origins_w, directions_w in plan.color_rays():
+            count = len(pixels)
+            shades = self._source.shade(origins_w.reshape(-1, 3), directions_w.reshape(-1, 3))
+            shades = shades.reshape(plan.shaded, count, 3)
+            if plan.options.checks == "light" and not can.float_colors:
+                codes = np.round(255 * shades)
+                clipped = ((codes <= 0) | (codes >= 255)).any(axis=(0, 2))
+                self._canvas.put_part("light", pixels, np.asarray(clipped * np.uint8(BITS["clipped"])))
+            if can.float_colors:
+                colors = shades.mean(axis=0, dtype=np.float32)
+            else:
+                mean = light.light_of_codes(255 * shades, can.transfer).mean(axis=0)
+                colors = light.encode(mean.astype(np.float32), can.transfer)
+            self._canvas.put_part("lit", pixels, colors)
+            if not plan.traced and not plan.modes:  # as ground truth would
+                own_w = plan.origins_w(pixels)
+                self._canvas.put_centers(pixels, own_w)
+                if can.traces and not plan.rays.one_center:
+                    self._mark_occluded(pixels, own_w)
+        self._shown = (*self._shown, "lit")
+        self._provenance = {**self._provenance, "color_rays": plan.shaded}
 
     def _put_traced(self, pixels: Ints, traced: Traced) -> None:
         """Put what the rays of (N,) pixels meet, and its marks."""
@@ -179,7 +207,7 @@ class Composing:
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=plan.options,
             effort=Effort(
-                self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy, plan.traced
+                self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy, plan.by_ray
             ),
         )  # fmt: skip
 

@@ -40,7 +40,8 @@ class Effort:
         stopped: why captures did not become finer: ``aim`` where the accuracy is reached; empty for images
             that have none.
         strategy: that made the captures: ``exact`` where the source cannot do what ``auto`` needs.
-        traced: modes that took no captures: the source told what the ray of each pixel meets.
+        traced: modes that took no captures: the source told what rays meet, one of each pixel or, of colours,
+            several.
     """
 
     captures: int = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +17,10 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.geometry.pose import rotated
+from omniscv.planning.densities import unproject
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
-from omniscv.render_options import RenderOptions
+from omniscv.render_options import MEAN_RAYS, RenderOptions
 from omniscv.sources.base import Capabilities, Request, View
 from omniscv.sources.recorded_views import RecordedViews
 
@@ -59,6 +61,7 @@ class Plan:
         doubt: returns what the image doubts, as far as it is composed; None where captures are not composed.
         made: its rounds, as far as they do not depend on captures; None: not made yet.
         traced: modes that are not captured: the source tells what the ray of each pixel meets.
+        shaded: rays of a pixel whose mean colours are, in place of captures; 0: colours are captured.
     """
 
     rays: ImageRays
@@ -74,6 +77,7 @@ class Plan:
     doubt: Callable[[], Doubted] | None = None
     made: tuple[Round, ...] | None = None
     traced: tuple[str, ...] = ()
+    shaded: int = 0
 
     def __post_init__(self) -> None:
         if self.border_px is not None and self.border_px < 0:
@@ -106,7 +110,7 @@ class Plan:
     @cached_property
     def doubt_share(self) -> float | None:
         """Share of the valid pixels that may be doubtful; None where captures do not depend on it."""
-        if self.traced and not self.modes:
+        if self.by_ray and not self.modes:
             return None
         return get(self.options.strategy).doubt_share(self)
 
@@ -131,26 +135,56 @@ class Plan:
         return any(round_.informs for round_ in self.made or ())
 
     def by_rays(self) -> Plan:
-        """Return the plan with ground truth by one ray a pixel, which needs no captures.
+        """Return the plan with what comes by rays, and needs no captures.
 
-        It is the plan itself where the source traces no rays, or where the strategy or the options have
-        pixels share optical centres that are not their own.
+        Ground truth is one ray a pixel where the source traces rays; colours are the mean of several where
+        the options say so. Both only where the strategy and the options have each pixel look from its own
+        optical centre.
+
+        Raises:
+            ArgumentError: the options ask for colours by rays that the source or the strategy does not have.
         """
         own = get(self.options.strategy).own_centers and self.options.viewpoints is None
-        if not (self.capabilities.traces and own):
-            return self
-        traced = tuple(mode for mode in self.modes if modalities.get(mode).truth)
-        captured = tuple(mode for mode in self.modes if mode not in traced)
-        return replace(self, modes=captured, traced=traced, made=self.made if captured else ())
+        traced: tuple[str, ...] = ()
+        if own and self.capabilities.traces:
+            traced = tuple(mode for mode in self.modes if modalities.get(mode).truth)
+        shaded = self._color_rays(own) if "lit" in self.modes else 0
+        plan = replace(self, traced=traced, shaded=shaded)
+        captured = plan.captured(self.modes)
+        return replace(plan, modes=captured, made=self.made if captured else ())
+
+    def _color_rays(self, own: bool) -> int:
+        """Return how many rays of a pixel colours are the mean of; ``own``: each from its own centre."""
+        rays = self.options.color_rays
+        shades = self.capabilities.shades
+        if rays == "auto":
+            return MEAN_RAYS if own and shades and not self.rays.one_center else 0
+        if rays and not shades:
+            expected = "expected auto, 0, or a live source that shades rays, such as scene://"
+            kind = self.capabilities.dialect or "another"
+            raise ArgumentError(f"color_rays: {expected}; got {rays} of a source of kind {kind}")
+        if rays and not own:
+            expected = "expected auto, 0, or strategy 'auto' or 'exact' without viewpoints"
+            raise ArgumentError(f"color_rays: {expected}; got {rays} with {self.options.strategy!r}")
+        return rays
+
+    @property
+    def by_ray(self) -> tuple[str, ...]:
+        """The modes that take no captures: those that are traced, and colours that are shaded."""
+        return (*self.traced, "lit") if self.shaded else self.traced
+
+    def captured(self, modes: Sequence[str]) -> tuple[str, ...]:
+        """Return those of some modes that take captures."""
+        return tuple(mode for mode in modes if mode not in self.by_ray)
 
     def make(self, modes: Sequence[str]) -> Plan:
         """Return the plan with its rounds made for what is captured in some modes, without capturing.
 
-        Modes that are traced are left out: there are no rounds where nothing else is wanted.
+        Modes that come by rays are left out: there are no rounds where nothing else is wanted.
         """
-        captured = tuple(mode for mode in modes if mode not in self.traced)
+        captured = self.captured(modes)
         made = replace(self, modes=captured)
-        if self.traced and not captured:
+        if self.by_ray and not captured:
             return replace(made, made=())
         return replace(made, made=tuple(made.rounds()))
 
@@ -214,6 +248,32 @@ class Plan:
                 some = slice(first, first + _TRACED_RAYS)
                 directions_w = rotated(directions_c[some], self.pose.R_w_c)
                 yield of_block[some], self.origins_w(of_block[some]), directions_w
+
+    def color_rays(self) -> Iterator[tuple[Ints, Array, Array]]:
+        """Yield all valid pixels in blocks, each with the rays of which its colour is the mean.
+
+        They run through the middles of :attr:`shaded` equal squares of the pixel. Where one is beyond the
+        field of view, the ray of the pixel's own middle takes its place.
+
+        Returns:
+            Pixels, (N,) flat indices; origins (k, N, 3), metres, and unit directions (k, N, 3), world frame.
+        """
+        camera = self.rays.camera
+        across = math.isqrt(self.shaded)
+        steps = (np.arange(across) + 0.5) / across - 0.5
+        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)  # px
+        pixels = np.flatnonzero(self.rays.valid)
+        most = max(1, _TRACED_RAYS // (self.shaded + 1))
+        for first in range(0, len(pixels), most):
+            of_block = pixels[first : first + most]
+            row, column = np.divmod(of_block, camera.width)
+            middles = np.stack([column, row], axis=-1) + 0.5
+            center = unproject(camera, middles[None])
+            spread = unproject(camera, middles + offsets)
+            inside = spread.valid[..., None]
+            directions_c = np.where(inside, spread.directions, center.directions)
+            origins_c = np.where(inside, spread.origins, center.origins)
+            yield of_block, self.pose.to_world(origins_c), rotated(directions_c, self.pose.R_w_c)
 
 
 class Strategy(ABC):

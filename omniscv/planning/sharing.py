@@ -141,7 +141,7 @@ class Cost:
         seconds: by the price of captures.
         marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
             where the options have optical centres shared, which nothing is known of.
-        traced: modes that are not captured: they come by one ray a pixel.
+        traced: modes that are not captured: they come by rays.
     """
 
     way: str
@@ -195,10 +195,10 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     for plans in frames:
         changed = [replace(plan.by(**changes), modes=tuple(modes)).by_rays() for plan in plans]
         price = Price(*changed[0].options.capture_ms)
-        total = replace(total, traced=total.traced or changed[0].traced)
+        total = replace(total, traced=total.traced or changed[0].by_ray)
         for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
             shared |= plan.requests or plan.make(modes).requests
-            if not plan.traced:
+            if not plan.by_ray:
                 total = replace(total, marked=max(total.marked, _MARKED))
         for plan in filter(_is_apart, changed):
             position = plan.pose.position.tobytes()

@@ -68,6 +68,8 @@ class Capabilities:
             ``commands``: what commands of the job set.
         traces: whether it tells what single rays meet (:meth:`Source.trace`).
         shades: whether it tells the colours that single rays meet (:meth:`Source.shade`).
+        float_colors: whether colours are floating-point light, not 8-bit codes; only asked of a source that
+            shades.
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -86,6 +88,7 @@ class Capabilities:
     varies: frozenset[str] = frozenset()
     traces: bool = False
     shades: bool = False
+    float_colors: bool = False
 
 
 class Source(ABC):

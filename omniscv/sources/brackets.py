@@ -61,7 +61,7 @@ class Bracketed(SourceWrapper):
 
     @property
     def capabilities(self) -> Capabilities:
-        return replace(self._source.capabilities, transfer="linear")
+        return replace(self._source.capabilities, transfer="linear", shades=False)
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         waiting: deque[Request] = deque()

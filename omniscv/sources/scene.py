@@ -141,6 +141,11 @@ class SceneSource(Source):
         hits = self.scene.trace(origins_w, directions_w, self._hidden)
         return Traced(hits.distance, hits.label.astype(np.uint16), hits.normal)
 
+    def shade(self, origins_w: Array, directions_w: Array) -> NDArray[np.float32]:
+        """As :meth:`Source.shade`."""
+        self._check_open()
+        return self.scene.trace(origins_w, directions_w, self._hidden).color.astype(np.float32)
+
     def geometry(self) -> SceneGeometry:
         """Return the boxes of all objects, each turned as its object, and the room."""
         self._check_open()
@@ -274,13 +279,15 @@ def room_of(scene: Scene) -> Room | None:
 def open_scene(address: str) -> SceneSource:
     """Open ``scene://NAME-or-PATH?lit=float32&masks=ids&time=1.5``; all options may be left out.
 
-    With ``traces=0`` ground truth comes by captures alone, as from an engine.
+    With ``traces=0`` ground truth and colours come by captures alone, as from an engine.
     """
     import mock_server
 
     name, options = split_address(address, {"lit": str, "masks": str, "time": float, "traces": int})
     time_s = options.pop("time", None)
-    can = replace(_CAPABILITIES, traces=bool(options.pop("traces", 1)))
+    traces = bool(options.pop("traces", 1))
+    floats = options.get("lit") == "float32"
+    can = replace(_CAPABILITIES, traces=traces, shades=traces, float_colors=floats)
     try:
         return SceneSource(mock_server.load_scene(name), can, **options, instant=Instant(time=time_s))
     except ValueError as wrong:

@@ -65,6 +65,8 @@ def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), ed
     check_objects(source, requests)
     if source.capabilities.traces:
         check_rays(source, requests)
+    if source.capabilities.shades and "lit" in source.capabilities.modes:
+        check_shades(source, requests)
 
 
 def check_order(source: Source, requests: Sequence[Request]) -> None:
@@ -148,6 +150,28 @@ def check_rays(source: Source, requests: Sequence[Request]) -> None:
         with np.errstate(invalid="ignore"):
             off = ~((rays == pixels) | (np.abs(rays.astype(float) - pixels) < 1e-3))
         assert off.mean() <= 0.01, f"rays meet other {capture.mode} than pictures show"
+
+
+def check_shades(source: Source, requests: Sequence[Request]) -> None:
+    """Rays of a ``source`` have the colours that its pictures show at the middles of their pixels.
+
+    A pixel in fifty may differ by more than two codes, at edges. Pictures are those of some ``requests`` of
+    colours.
+    """
+    for capture in source.capture([request for request in requests if request.mode == "lit"][::5]):
+        view = capture.view
+        rays = view.directions_w().reshape(-1, 3)
+        shades = source.shade(view.pose.position, rays)
+        assert shades.dtype == np.float32
+        assert shades.shape == rays.shape
+        assert np.isfinite(shades).all(), "rays have colours that are no numbers"
+        own = source.shade(np.broadcast_to(view.pose.position, rays.shape), rays)
+        assert np.array_equal(own, shades), "rays of one origin have other colours than rays with own ones"
+        shown = capture.pixels.astype(np.float64).reshape(-1, 3)
+        if capture.pixels.dtype == np.uint8:
+            shown /= 255
+        off = np.abs(shades - shown).max(axis=1) > 2 / 255
+        assert off.mean() <= 0.02, "rays have other colours than pictures show"
 
 
 Floats = NDArray[np.float64]

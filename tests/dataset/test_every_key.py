@@ -175,6 +175,7 @@ CHANGES = {
     "filter": ("still", "nearest"),
     "truth_scale": ("still", 2),
     "normals": ("still", "from-depth"),
+    "color_rays": ("still", 4),
     "seams": ("still", "gains"),
     "straighten": ("still", True),
     "checks": ("still", "light"),
