@@ -9,6 +9,7 @@ from omniscv.sources.base import (
     SceneIdentity,
     Source,
     SourceWrapper,
+    Traced,
     View,
 )
 from omniscv.sources.brackets import bracketed
@@ -17,5 +18,5 @@ from omniscv.sources.registry import open_source, register, schemes
 
 __all__ = [
     "Capabilities", "Capture", "Lens", "ObjectTable", "Request", "SceneIdentity", "Source", "SourceWrapper",
-    "View", "bracketed", "from_faces", "open_source", "register", "schemes"
+    "Traced", "View", "bracketed", "from_faces", "open_source", "register", "schemes"
 ]  # fmt: skip
