@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.geometry.arrays import Mask
 from omniscv.render_options import RenderOptions
-from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, View, known_objects
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    Source,
+    SourceWrapper,
+    View,
+    known_objects,
+)
 from omniscv.sources.developing.cube import Cube
 from omniscv.sources.developing.seams import mend
 from omniscv.sources.developing.slips import POOLED, pooled_vignette, proven_turns, straightened
@@ -56,6 +65,12 @@ class Developed(SourceWrapper):
     def __init__(self, source: Source, options: RenderOptions) -> None:
         super().__init__(source)
         self._options = options
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the source, but for colours of rays where those of captures are mended."""
+        can = self._source.capabilities
+        return can if self._options.seams == "keep" else replace(can, shades=False)
 
     def around(self, source: Source) -> Source:
         return Developed(source, self._options)
