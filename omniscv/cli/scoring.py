@@ -42,6 +42,9 @@ def score(
     compared = sum(item.scores.compared for item in scored)
     in_doubt = sum(item.scores.in_doubt for item in scored)
     missing = sum(item.scores.missing for item in scored)
+    lost = sum(item.scores.lost for item in scored)
+    if lost:
+        console.error(f"{lost} pixels are left out: aligned with a shift, their depth is 0 or less")
     counts = f"{compared} pixels compared, {in_doubt} in doubt left out, {missing} without a prediction"
     console.line(f"{len(scored)} images: {counts}")
     for item in scored:

@@ -9,12 +9,11 @@ ALIGNMENTS = ("none", "median", "scale", "scale-shift", "disparity-scale-shift")
 """``median``: by the ratio of medians. ``scale``: by least squares of depth. ``scale-shift``: of depth,
 with an offset (MiDaS, Ranftl and others 2020). ``disparity-scale-shift``: of 1 / depth, with an offset,
 then depth."""
-_LEAST = 1e-3
-"""Disparity, 1/m, below which an aligned one is no depth: 1 km."""
 
 
 def align(predicted: Array, truth: Array, weights: Array, how: str) -> Array:
-    """Return predictions (N,) with the scale, and offset, of the truth.
+    """Return predictions (N,) with the scale, and offset, of the truth; 0 and less where an offset leaves
+    none.
 
     Args:
         predicted: (N,) metres, positive.
@@ -36,7 +35,8 @@ def align(predicted: Array, truth: Array, weights: Array, how: str) -> Array:
         scale, shift = _fitted_line(predicted, truth, weights)
         return np.asarray(scale * predicted + shift)
     scale, shift = _fitted_line(1 / predicted, 1 / truth, weights)
-    return np.asarray(1 / np.maximum(scale / predicted + shift, _LEAST))
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / (scale / predicted + shift))
 
 
 def _fitted_line(x: Array, y: Array, weights: Array) -> tuple[float, float]:

@@ -63,7 +63,8 @@ class DepthScores:
         by_solid_angle: each pixel counts as much as it sees of the sphere.
         compared: pixels that both have.
         in_doubt: pixels with a prediction whose truth is in doubt: left out.
-        missing: pixels with truth, without a prediction (0, negative, infinite or NaN).
+        missing: pixels with truth beyond doubt, without a prediction (0, negative, infinite or NaN).
+        lost: pixels whose prediction is 0 or less after it was aligned with a shift: left out.
         alignment: how the prediction was aligned.
     """
 
@@ -72,6 +73,7 @@ class DepthScores:
     compared: int
     in_doubt: int
     missing: int
+    lost: int = 0
     alignment: str = "none"
 
     def to_dict(self) -> dict[str, Any]:
@@ -116,14 +118,19 @@ def depth(
         raise ArgumentError("predicted: expected a pixel with a value and a truth beyond doubt, got none")
     t = true[compared]
     areas = solid_angles(camera)[compared]
-    p = aligned(along[compared], t, np.ones(len(t)), align)
+    alike = np.ones(len(t))
+    p = aligned(along[compared], t, alike, align)
     p_by_area = aligned(along[compared], t, areas, align)
+    positive = (p > 0) & (p_by_area > 0) & np.isfinite(p) & np.isfinite(p_by_area)
+    if not positive.any():
+        raise ArgumentError(f"align: expected depth above 0 after {align}, got none at any pixel")
     return DepthScores(
-        by_pixel=measures(p, t, np.ones(len(t))),
-        by_solid_angle=measures(p_by_area, t, areas),
-        compared=int(np.count_nonzero(compared)),
+        by_pixel=measures(p[positive], t[positive], alike[positive]),
+        by_solid_angle=measures(p_by_area[positive], t[positive], areas[positive]),
+        compared=int(np.count_nonzero(positive)),
+        lost=int(np.count_nonzero(~positive)),
         in_doubt=int(np.count_nonzero(has_truth & has_value & doubtful)),
-        missing=int(np.count_nonzero(has_truth & ~has_value)),
+        missing=int(np.count_nonzero(has_truth & ~has_value & ~doubtful)),
         alignment=align,
     )
 
@@ -155,8 +162,7 @@ def as_range(values: Array, form: str, camera: Camera) -> Array:
 
 
 def measures(p: Array, t: Array, weights: Array) -> DepthMeasures:
-    """Return the measures of predictions and truths, (N,) metres, with weights (N,) of any sum."""
-    p = np.maximum(p, 1e-6)  # an alignment with a shift may give none
+    """Return the measures of predictions and truths, (N,) metres above 0, with weights (N,) of any sum."""
     share = weights / weights.sum()
     off = p - t
     logs = np.log(p) - np.log(t)

@@ -119,6 +119,17 @@ def test_pixels_in_doubt_are_left_out_and_those_without_a_value_counted(rooms):
     assert scores.by_pixel.abs_rel == pytest.approx(1 / scores.compared, rel=1e-6)
 
 
+def test_depth_that_a_shift_makes_negative_is_left_out_and_counted(rooms):
+    """A few predictions of nearly 0 beside sound ones: the line through all leaves them below 0."""
+    truth = rooms["equirectangular"]
+    predicted = truth + 5
+    predicted[30, :20] = 0.01
+    scores = score.depth(predicted, truth, PANORAMA, align="scale-shift")
+    assert scores.lost == 20
+    assert scores.compared == truth.size - 20
+    assert scores.by_pixel.rmse_log < 0.2
+
+
 PLANTED = {
     "planar": ("pinhole", lambda d: d * PINHOLE.unproject().directions[..., 2]),
     "range": ("pinhole", lambda d: d / PINHOLE.unproject().directions[..., 2]),
