@@ -285,12 +285,18 @@ def _yaml(values: Any) -> str:
 
 
 def _opencv_yaml(values: dict[str, Any]) -> str:
-    """Return what ``cv2.FileStorage`` reads: matrices have their type."""
-    typed = dict(values)
+    """Return YAML that ``cv2.FileStorage`` reads.
+
+    A list of rows becomes a matrix: its size, its element type (``d``: float64) and its elements row by row,
+    under the tag ``!!opencv-matrix``.
+    """
+    with_matrices = dict(values)
     for key, value in values.items():
         if isinstance(value, list) and isinstance(value[0], list):
-            typed[key] = {"rows": len(value), "cols": len(value[0]), "dt": "d", "data": [*chain(*value)]}
-    return "%YAML:1.0\n---\n" + re.sub(r":(\n +rows:)", r": !!opencv-matrix\1", _yaml(typed))
+            elements = [*chain(*value)]
+            with_matrices[key] = {"rows": len(value), "cols": len(value[0]), "dt": "d", "data": elements}
+    untagged = _yaml(with_matrices)
+    return "%YAML:1.0\n---\n" + re.sub(r":(\n +rows:)", r": !!opencv-matrix\1", untagged)
 
 
 def _lines(values: dict[str, Any]) -> str:

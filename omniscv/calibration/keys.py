@@ -90,10 +90,13 @@ class Key:
         return self.paths[0]
 
     def read(self, node: Node) -> list[float]:
-        """Return the values that a camera has here; ArgumentError for another count or value.
+        """Return the values that a camera's mapping has at this key; empty if an optional key is missing.
 
         Args:
-            node: the camera's mapping; the paths count as used, or as absent.
+            node: the camera's mapping, which notes that the paths are used, or absent.
+
+        Raises:
+            ArgumentError: the key is missing, or has another count of values or another fixed value.
         """
         if not node.has(self.paths):
             node.absent |= {plain(path.rpartition(".")[2]) for path in self.paths}
@@ -105,9 +108,9 @@ class Key:
             raise ArgumentError(
                 f"{self.path}: expected {self._expected()}, got {len(values)}: {shown(value)}"
             )
-        for name, number in zip(self.numbers, values, strict=False):
-            if isinstance(name, int) and abs(number - name) > 1e-12:
-                raise wrong(self.path, f"{name} (other values are not modelled)", number)
+        for expected, number in zip(self.numbers, values, strict=False):
+            if isinstance(expected, int) and abs(number - expected) > 1e-12:
+                raise wrong(self.path, f"{expected} (other values are not modelled)", number)
         return values
 
     def named(self, values: list[float]) -> Numbers:

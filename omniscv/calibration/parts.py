@@ -175,11 +175,15 @@ KITTI_MATRICES = ("K_00", "K_01", "K_02", "P_rect_00", "P_rect_02", "P0", "P2")
 
 
 def kitti(content: Content) -> dict[str, Any]:
-    """Return the cameras of K, D, S, R, T; and of P, the rectified ones, by ``P = K [I | offset]``."""
+    """Return the cameras of a KITTI file, by name: raw and rectified ones.
+
+    A raw camera has the keys ``K_00``, ``D_00``, ``S_00``, ``R_00`` and ``T_00``. A rectified one has
+    ``P_rect_00`` or ``P0``, where ``P = K [I | offset]``. ``R_rect_00`` turns camera 0 to the rectified ones.
+    """
     cameras: dict[str, Any] = {}
     for node in mappings(content, KITTI_MATRICES):
         if node.has(("K1", "M1")):
-            continue  # a pair of OpenCV's
+            continue  # a stereo pair of OpenCV
         lenses, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
         upright = np.eye(4)
         if "r" in lenses.get("rect00", {}):

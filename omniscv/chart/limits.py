@@ -109,16 +109,22 @@ class Approach:
     known_px: Callable[[Array], Array] | None = None
 
     def error_px(self, left: float) -> float:
-        """Return the largest error, or NaN if no pixel is valid. A lost pixel counts as the image's width."""
+        """Return the largest error of the round trip, px; NaN if no pixel is valid.
+
+        A pixel whose point is not projected counts as the image's width.
+
+        Args:
+            left: what is left to the limit, from 1 to 0.
+        """
         camera = self.camera(left)
         pixels = self.pixels(camera, left)
         rays = camera.unproject(pixels)
         if not rays.valid.any():
             return np.nan
-        again, seen = camera.project(rays.origins + self.metres(left) * rays.directions)
-        error = np.abs(again - pixels)
-        left, right = camera.unproject([(0, camera.height / 2), (camera.width, camera.height / 2)]).directions
-        if np.allclose(left, right, rtol=0, atol=1e-9):  # the borders meet
+        projected, seen = camera.project(rays.origins + self.metres(left) * rays.directions)
+        error = np.abs(projected - pixels)
+        borders = camera.unproject([(0, camera.height / 2), (camera.width, camera.height / 2)]).directions
+        if np.allclose(borders[0], borders[1], rtol=0, atol=1e-9):  # the left and right borders meet
             error[:, 0] = np.minimum(error[:, 0], np.abs(camera.width - error[:, 0]))
         return float(np.where(seen[:, None], error, camera.width)[rays.valid].max())
 

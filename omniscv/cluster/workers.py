@@ -81,13 +81,18 @@ def _local(workers: int | None, sources: Sequence[str]) -> Iterator[Client]:
     with (
         _quiet(),
         config.set(settings()),
-        _started(workers) as cluster,
+        _start_cluster(workers) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
         yield client
 
 
-def _started(workers: int) -> LocalCluster:
+def _start_cluster(workers: int) -> LocalCluster:
+    """Start a scheduler in this process, and processes of one thread each as its workers.
+
+    Raises:
+        ClusterError: a worker ended while it started.
+    """
     try:
         return LocalCluster(
             n_workers=workers,

@@ -70,6 +70,7 @@ def _exports(whole: Manifest, format: str | None) -> list[Export]:
 
 
 def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
+    """Yield keys of ``dataset.json`` whose values do not follow from its own rules and names."""
     content = parse_json(folder.read(manifest.DATASET, MOST_JSON_BYTES))
     try:
         expected = replace(whole).to_dict()  # with the classes that its rules give
@@ -99,13 +100,21 @@ def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterat
 
 
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
+    """Return a line for each fault of a frame's files.
+
+    Args:
+        folder: of the dataset.
+        whole: the manifest of all frames.
+        frame: its line in ``frames.jsonl``.
+        deep: whether layers are decoded and compared, too, if no file is missing or damaged.
+    """
     faults: list[str] = []
     sizes = {entry.path: entry.bytes for entry in frame.entries.values()}
     with _faults_in(folder, faults), local_copy(folder, sizes) as path:
         local = frame.with_files(storage.folder(path), frame.entries)
         for kind in local.files:
             with _faults_in(path, faults):
-                local.files[kind]
+                local.files[kind]  # access compares the file with the manifest
         if not faults:
             with _faults_in(path, faults):
                 _check_own_file(whole, local)

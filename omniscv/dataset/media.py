@@ -186,6 +186,7 @@ def write_video(
 
 
 def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> bytes:
+    """Return an MP4 file (H.264) of the frames' colours, ``rate`` frames a second."""
     try:
         import av
     except ImportError as missing:

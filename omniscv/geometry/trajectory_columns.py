@@ -171,20 +171,23 @@ class Rows:
         return cls(columns, units, where_is)
 
     def listed(self, lossy: bool = False, **options: Any) -> dict[str, Pose | None]:
-        """Return poses by name, or by number from 0.
+        """Return the pose of each row by its name, or by its number from 0 where rows have no names.
 
         Args:
-            lossy: whether rows that are not finite are None, instead of refused.
+            lossy: whether a row that is not finite gives None; otherwise it is refused.
             options: as of :meth:`poses`.
+
+        Raises:
+            ArgumentError: a name stands twice, or a row is no pose.
         """
         rows = np.flatnonzero(self.finite()) if lossy else np.arange(len(self))
         names = [str(name).strip() for name in self.columns.get("name", np.arange(len(self)))]
         poses: dict[str, Pose | None] = {}
-        again = np.zeros(len(self), np.bool_)
+        is_repeated = np.zeros(len(self), np.bool_)
         for row, name in enumerate(names):
-            again[row] = name in poses
+            is_repeated[row] = name in poses
             poses[name] = None
-        self.refuse(again, "each name once")
+        self.refuse(is_repeated, "each name once")
         finite = replace(self._part(rows), where=lambda row: self.where(int(rows[row])))
         positions, rotations = finite.poses(**options)
         for row, position, rotation in zip(rows.tolist(), positions, rotations, strict=True):

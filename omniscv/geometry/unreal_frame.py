@@ -46,7 +46,10 @@ def rotation_from_unreal(rotators_deg: Array) -> Array:
 
 
 def rotation_to_unreal(rotation: Array) -> Triple:
-    """The rotator (pitch, yaw, roll) in degrees of a body's turn in the world; pitch in [-90, 90]."""
+    """Return the rotator (pitch, yaw, roll), degrees, of a body's rotation (3, 3) in the world.
+
+    The pitch is in [-90, 90].
+    """
     forward, right, up = (_MIRROR @ rotation @ _MIRROR).T
     horizontal = float(np.hypot(forward[0], forward[1]))
     pitch = np.arctan2(forward[2], horizontal)
@@ -60,11 +63,12 @@ def rotation_to_unreal(rotation: Array) -> Triple:
 
 
 def _sin_cos_deg(angles_deg: Array) -> tuple[Array, Array]:
-    """Sine and cosine, exact at multiples of 90 degrees, so that cube faces are exact."""
-    turned = angles_deg % 360.0
-    quarter = turned % 90.0 == 0
-    index = np.where(quarter, turned // 90, 0).astype(np.int64)
-    exact = np.array([0.0, 1.0, 0.0, -1.0])
-    radians = np.radians(turned)
-    sine = np.where(quarter, exact[index % 4], np.sin(radians))
-    return sine, np.where(quarter, exact[(index + 1) % 4], np.cos(radians))
+    """Return sines and cosines of angles of any shape, exact at multiples of 90 degrees, as of cube faces."""
+    reduced_deg = angles_deg % 360.0
+    is_right = reduced_deg % 90.0 == 0
+    quarters = np.where(is_right, reduced_deg // 90, 0).astype(np.int64)
+    exact_sines = np.array([0.0, 1.0, 0.0, -1.0])
+    radians = np.radians(reduced_deg)
+    sine = np.where(is_right, exact_sines[quarters % 4], np.sin(radians))
+    cosine = np.where(is_right, exact_sines[(quarters + 1) % 4], np.cos(radians))
+    return sine, cosine

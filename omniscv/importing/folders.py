@@ -327,6 +327,7 @@ def _states(states: dict[str, object]) -> dict[str, WorldState]:
 
 
 def _objects(folder: Path) -> ObjectTable:
+    """Return the colours and ids of objects that a folder lists; an empty table if it lists none."""
     colors: dict[str, Any] = _read_optional(folder / OBJECTS, partial(named(_color), "")) or {}
     masks = _read_optional(folder / MASKS, partial(read, _Masks)) or _Masks()
     if strange := set(masks.ids) - set(colors or masks.ids):

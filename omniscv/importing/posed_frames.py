@@ -243,6 +243,14 @@ class Sequence:
     def _views(
         self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | Wide | None
     ) -> Iterator[tuple[View, Picture]]:
+        """Yield the pinhole views of a picture, with their pixels: six of a panorama, otherwise one.
+
+        Args:
+            picture: as it was read.
+            mode: the modality of its pixels.
+            pose: of its camera, world frame.
+            lens: of its camera; None for an equirectangular panorama.
+        """
         height, width = picture.pixels.shape[:2]
         if lens is None:
             if width != 2 * height:
@@ -363,15 +371,18 @@ def capture_of(
     ray: bool = False,
     transfer: Transfer | None = None,
 ) -> Capture:
-    """Return the capture of a picture: as its file has it where a codec decodes that, else lossless.
+    """Return the capture that a recording stores for a picture.
+
+    A picture with an ``encoding`` keeps the bytes of its file. Any other is encoded without loss, except that
+    16-bit colours become 8-bit ones.
 
     Args:
-        picture: depth may be (h, w), or (h, w, 2) with its error.
-        mode: what it shows.
-        view: from where.
+        picture: depth is (h, w), or (h, w, 2) with its error, metres.
+        mode: the modality of its pixels, such as ``lit``.
+        view: the pinhole view of its pixels.
         provenance: of the capture.
-        ray: whether depth (h, w) is along the ray; depth (h, w, 2) is planar.
-        transfer: of codes; None for sRGB.
+        ray: whether depth (h, w) is along the ray, not planar; depth (h, w, 2) is always planar.
+        transfer: of integer colours to light; None for sRGB.
     """
     if mode == "lit" and picture.pixels.dtype.kind == "u":
         provenance = {**provenance, "transfer": transfer or "srgb"}

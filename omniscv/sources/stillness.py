@@ -90,7 +90,7 @@ class StillSet(SourceWrapper):
             return
         first = next(iter(self._first))
         shown = [request for request in self._shown if _center(request.view) == first]
-        for capture in self._source.capture(self._repeated(shown)):
+        for capture in self._source.capture(self._repetitions(shown)):
             self._compare(capture)
 
     def close(self) -> None:
@@ -116,18 +116,22 @@ class StillSet(SourceWrapper):
                 yield from proofs
                 yield request
             requested.extend([False] * len(witnesses))
-            yield from self._repeated(witnesses)
+            yield from self._repetitions(witnesses)
 
-    def _repeated(self, witnesses: Iterable[Request]) -> list[Request]:
-        """Return requests that repeat others: first forwards in one mode, then backwards in the other.
+    def _repetitions(self, witnesses: Iterable[Request]) -> list[Request]:
+        """Return requests that capture ``witnesses`` again: one mode in order, then the other in reverse.
 
-        An object that swings, and is back after the time of one mode, is elsewhere after the other's.
+        So the two modes of a view are repeated after different times, and a swinging object that is back at
+        its place for one is elsewhere for the other.
         """
         forwards: list[Request] = []
         backwards: list[Request] = []
         for request in witnesses:
-            in_order = forwards if request.mode == self._proofs[0] else backwards
-            in_order.append(replace(request, again=True))
+            repetition = replace(request, again=True)
+            if request.mode == self._proofs[0]:
+                forwards.append(repetition)
+            else:
+                backwards.append(repetition)
         return forwards + backwards[::-1]
 
     def _is_witness(self, view: View) -> bool:

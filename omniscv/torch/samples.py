@@ -255,16 +255,21 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
             first += len(group)
 
     def _read(self, samples: Sequence[tuple[int, str]]) -> Iterator[Sample]:
+        """Yield ``samples``, each given by the index of its shard and its key.
+
+        Every shard is opened once. Files are extracted to a temporary folder, one sample at a time.
+        """
         kinds = (*(LAYERS if self.layers is None else self.layers), *_RECORDS)
         with ExitStack() as stack:
             folder = Path(stack.enter_context(TemporaryDirectory(prefix="omniscv-")))
             shards: dict[int, Shard] = {}
-            for number, key in samples:
-                if number not in shards:
-                    shard = Shard(self._folder, self._files[number], self._manifest)
-                    shards[number] = stack.enter_context(closing(shard))
-                sample = sample_of_frame(shards[number].extract(key, kinds, folder), self.layers)
-                for path in folder.iterdir():  # pictures are decoded from files
+            for index, key in samples:
+                if index not in shards:
+                    shard = Shard(self._folder, self._files[index], self._manifest)
+                    shards[index] = stack.enter_context(closing(shard))
+                frame = shards[index].extract(key, kinds, folder)
+                sample = sample_of_frame(frame, self.layers)
+                for path in folder.iterdir():  # the sample has decoded them
                     path.unlink()
                 yield sample
 

@@ -87,9 +87,7 @@ def flow(
     allowed_m = number("tolerance_m", tolerance_m, least=0)
     tolerance = Tolerance(allowed_m, number("tolerance_rel", tolerance_rel, least=0))
     _check(depth0, rays0, labels, motions)
-    seen = rays0.valid & (depth0 > 0)
-    if labels is not None:
-        seen &= (labels > 0) | np.isposinf(depth0)
+    seen = _pixels_with_flow(depth0, rays0, labels)
     height, width = depth0.shape
     result = Flow(
         pixels=np.full((height, width, 2), np.nan),
@@ -99,6 +97,7 @@ def flow(
     occlusion = None if depth1 is None else _Occlusion(camera1, depth1, tolerance)
 
     def fill(rows: slice) -> None:
+        """Write the flow of some rows of the first image into ``result``."""
         shown = seen[rows]
         objects = None if labels is None else labels[rows][shown]
         depth = depth0[rows][shown].astype(np.float64)
@@ -108,17 +107,26 @@ def flow(
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
         if occlusion is not None:
-            mask[known] = np.where(occlusion(target[known], points_c1[known]), OCCLUDED, mask[known])
+            is_occluded = occlusion(target[known], points_c1[known])
+            mask[known] = np.where(is_occluded, OCCLUDED, mask[known])
         row, column = np.nonzero(shown)
-        target -= np.column_stack([column, row + rows.start]) + 0.5
+        displacement = target - (np.column_stack([column, row + rows.start]) + 0.5)
         if wrap == "shortest" and camera1.wraps:
-            target[:, 0] = _shortest(target[:, 0], camera1.width)
-        result.pixels[rows][shown] = target
+            displacement[:, 0] = _shortest(displacement[:, 0], camera1.width)
+        result.pixels[rows][shown] = displacement
         result.mask[rows][shown] = mask
         result.scene[rows][shown] = scene
 
     row_blocks(fill, height, width)
     return result
+
+
+def _pixels_with_flow(depth0: NDArray[Any], rays0: Rays, labels: NDArray[Any] | None) -> NDArray[np.bool_]:
+    """Return where (H, W) the first image has a ray and a depth; a surface also needs a label, if given."""
+    has_depth = rays0.valid & (depth0 > 0)
+    if labels is None:
+        return has_depth
+    return has_depth & ((labels > 0) | np.isposinf(depth0))
 
 
 def _check(

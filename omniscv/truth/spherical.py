@@ -62,12 +62,16 @@ class SphericalBox:
 
     @property
     def area(self) -> float:
-        """Steradians."""
-        a, b = np.radians([self.fov_h, self.fov_v])
+        """The solid angle of the box, steradians.
+
+        Between great circles it is ``4 asin(sin(fov_h / 2) sin(fov_v / 2))``; of ranges of longitude and
+        latitude, ``fov_h (sin(highest latitude) - sin(lowest latitude))``.
+        """
+        width, height = np.radians([self.fov_h, self.fov_v])
         if self.kind == "lonlat":
-            low, high = np.radians([self.lat - self.fov_v / 2, self.lat + self.fov_v / 2])
-            return float(a * (np.sin(high) - np.sin(low)))
-        return float(4 * np.arcsin(np.sin(a / 2) * np.sin(b / 2)))
+            lowest, highest = np.radians([self.lat - self.fov_v / 2, self.lat + self.fov_v / 2])
+            return float(width * (np.sin(highest) - np.sin(lowest)))
+        return float(4 * np.arcsin(np.sin(width / 2) * np.sin(height / 2)))
 
     def contains(self, directions: Array) -> Array:
         """Return (...) the least angle of directions (..., 3) to the four sides, degrees; below 0 outside."""

@@ -62,6 +62,7 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
 
 
 def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> None:
+    """Log what :func:`write` says of the camera ``name``, from all its ``frames``."""
     path = np.array([frame.pose.position for frame in frames])
     if len(path) > 1:
         stream.log(f"world/{name}/trajectory", rerun.LineStrips3D([path]), static=True)
@@ -100,6 +101,7 @@ def _pinhole(rerun: Any, camera: Camera) -> Any:
 
 
 def _log_images(rerun: Any, stream: Any, name: str, frame: Frame) -> None:
+    """Log the colours, depth and labels that a frame of the camera ``name`` has."""
     layers = frame.layers("lit", "depth", "labels")
     if "lit" in layers:
         lit = layers["lit"]

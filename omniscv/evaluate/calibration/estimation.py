@@ -236,6 +236,8 @@ def calibrate(groups: Sequence[Array], model: LineImages, low: float, high: floa
 
 
 def _refine(lines: PointsOnLines, model: LineImages, r_vl: float, low: float, high: float) -> float:
+    """Return r_vl between ``low`` and ``high``, by robust least squares of the points' distances to lines."""
+
     def distances(x: Array) -> Array:
         return lines.fit(model, float(x[0]))[1]
 
@@ -353,7 +355,16 @@ def _maxima(
 def _chains(
     row: NDArray[np.intp], column: NDArray[np.intp], unit: Array, shape: tuple[int, ...]
 ) -> NDArray[np.intp]:
-    """Return the chain of each point (N,): connected pixels between which the gradient turns little."""
+    """Return the chain of each point, (N,) numbers from 0.
+
+    A chain connects neighbouring pixels between which the gradient turns by less than 20 degrees.
+
+    Args:
+        row: (N,) of the points' pixels.
+        column: (N,) of the points' pixels.
+        unit: (N, 2) directions of the gradient there.
+        shape: of the image, (H, W).
+    """
     index = np.full(shape, -1, np.intp)
     index[row, column] = np.arange(len(row))
     starts = []
@@ -364,6 +375,8 @@ def _chains(
         alike = (unit[start] * unit[neighbour[start]]).sum(axis=-1) >= _MOST_TURN
         starts.append(start[alike])
         ends.append(neighbour[start[alike]])
-    pairs = np.concatenate(starts), np.concatenate(ends)
-    graph = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(len(row), len(row)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+    first = np.concatenate(starts)
+    second = np.concatenate(ends)
+    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(row), len(row)))
+    _, chain = connected_components(graph, directed=False)
+    return np.asarray(chain, np.intp)

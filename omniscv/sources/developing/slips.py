@@ -116,6 +116,8 @@ _TEXTURE = 1.0  # levels of texture
 _ALIKE = 0.6  # correlation
 _SLIP_PX = 0.6  # pictures without anti-aliasing shift texture by half a pixel
 _NOISE_PX = 0.1
+_REWEIGHTED = 20  # rounds of least squares
+_LEAST_TURN = 1e-6  # rad: keeps the weights of turns above 0
 _LEAST_PX = 512  # of a face: smaller ones are turned by less than their pixels show
 # What proves a turn:
 _SLIP_DEG = 0.05  # the least one
@@ -163,15 +165,14 @@ def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
     known = shifts_of(cube)
     if not known:
         return np.zeros((6, 3)), np.zeros(6, np.int64)
-    rows = np.zeros((len(known), 6, 3))
-    for row, edge in zip(rows, known, strict=True):
+    A = np.zeros((len(known), 6, 3))
+    for row, edge in zip(A, known, strict=True):
         view = cube.views[edge.a]
         middle = view.pose.R_w_c @ np.add(SIDES[edge.side_a], (0, 0, 1))
         along = view.pose.R_w_c @ np.cross((0, 0, 1), SIDES[edge.side_a])
         # A face that is turned by w shows a direction d where d - w x d would be.
         row[edge.a] = np.cross(middle, along) * view.focal_px
         row[edge.b] = -row[edge.a]
-    A = rows
     y = np.array([*known.values()])
     turns = _few_turns(A, y)
     of_face = (A * turns).sum(axis=2)  # (edges, 6) px that each face's turn explains
@@ -218,13 +219,22 @@ def _texture(line: Array) -> Array:
 
 
 def _few_turns(A: Array, y: Array) -> Array:
-    """(6, 3) turns of few faces that explain shifts y: least squares, reweighted by the size of each turn."""
+    """Return (6, 3) turns of the faces, radians, few of them not 0, that explain the measured shifts.
+
+    The least squares are repeated with weights by the size of each turn, so that small turns vanish.
+
+    Args:
+        A: (N, 6, 3) px that a turn of each face by 1 rad about each axis shifts the texture at N edges.
+        y: (N,) px, measured.
+    """
     flat = A.reshape(len(A), 18)
     x = np.zeros(18)
     weights = np.ones(18)
-    for _ in range(20):
+    noise = _NOISE_PX**2 * np.eye(len(A))
+    for _ in range(_REWEIGHTED):
         scaled = flat * weights
-        x = weights * (scaled.T @ np.linalg.solve(scaled @ scaled.T + _NOISE_PX**2 * np.eye(len(A)), y))
+        x = weights * (scaled.T @ np.linalg.solve(scaled @ scaled.T + noise, y))
         size = np.linalg.norm(x.reshape(6, 3), axis=1)
-        weights = np.repeat(np.sqrt((size + 1e-6) / (size.max() + 1e-6)), 3)
+        relative = (size + _LEAST_TURN) / (size.max() + _LEAST_TURN)
+        weights = np.repeat(np.sqrt(relative), 3)
     return x.reshape(6, 3)

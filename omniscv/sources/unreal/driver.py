@@ -249,9 +249,14 @@ class CameraDriver(ABC):
             self.connection.scene = replies
         self.scene_identity = SceneIdentity(replies[SCENE], level)
         if self._options.fix_exposure:
-            # Of the whole game: the vignette, and auto exposure where no camera has its own.
-            own = self._options.exposure not in (None, "game")
-            self.connection.texts(FIX_EXPOSURE[:1] if own else FIX_EXPOSURE)
+            switch_vignette_off, switch_auto_exposure_off = FIX_EXPOSURE
+            commands = [switch_vignette_off]
+            if self._options.exposure in (
+                None,
+                "game",
+            ):  # otherwise the cameras have an exposure of their own
+                commands.append(switch_auto_exposure_off)
+            self.connection.texts(commands)
         paint(self.connection, self.table.vertex_colors)
 
     def _capture(self, request: Request, view: View, reply: Reply) -> Capture:

@@ -76,6 +76,7 @@ class Journal:
         return instant
 
     def _describe(self) -> Instant:
+        """Return the instant that all changes until now have led to."""
         values = self._values.copy()  # other threads may change the world meanwhile
         poses = {**_of_kind(values, "seen"), **_of_kind(values, "pose")}
         hidden = frozenset(_of_kind(values, "hidden"))
@@ -210,7 +211,7 @@ def set_commands(name: str, location: str, rotation: str) -> tuple[str, str]:
 
 
 def pose_commands(poses: Mapping[str, Pose]) -> list[str]:
-    """Return the commands that set poses, with fixed decimals, as servers parse them."""
+    """Return commands that set poses of objects, world frame, with fixed decimals, as servers parse them."""
     commands: list[str] = []
     for name, pose in poses.items():
         location = _fixed(position_to_unreal(pose.position))

@@ -92,24 +92,40 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     off = _turned(camera, between, known, directions) * density
     # Pixels of nearest rays must not be interpolated, even where that fits by chance.
     kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
-    finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
-    fine = (np.arange(finer) + 0.5) / finer * (2 / count)
+    fine_count = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     face, row, column = np.nonzero(kinds == 0)
-    shape = len(face), finer, finer
-    across = np.broadcast_to((ends[column][:, None] + fine)[:, None, :], shape)
-    down = np.broadcast_to((ends[row][:, None] + fine)[:, :, None], shape)
-    faces = np.broadcast_to(face[:, None, None], shape)
-    split = _fixed(*project(_on_face(faces, across, down)))
-    used = split.any(axis=(1, 2, 3))
+    cell_tables = _cell_tables(project, face, ends[column], ends[row], 2 / count, fine_count)
+    used = cell_tables.any(axis=(1, 2, 3))
     kinds[face[used], row[used], column[used]] = 2 + np.arange(np.count_nonzero(used))
     return {
         "cells": count,
-        "fine": finer,
+        "fine": fine_count,
         "perPixel": _PER_PX,
         "nodes": pack(_fixed(nodes, seen).reshape(-1, count + 1, 2)),
         "kinds": pack(kinds.astype(np.uint32).reshape(-1, count)),
-        "tables": pack(split[used].reshape(-1, finer, 2)),
+        "tables": pack(cell_tables[used].reshape(-1, fine_count, 2)),
     }
+
+
+def _cell_tables(
+    project: Project, face: NDArray[np.int64], left: Array, top: Array, width: float, count: int
+) -> NDArray[np.uint32]:
+    """Return the pixels (T, F, F, 2) of the middles of the F x F parts of T cells, as :func:`_fixed`.
+
+    Args:
+        project: from directions to pixels.
+        face: (T,) of each cell.
+        left: (T,) the first coordinate of a cell's corner on its face, -1 to 1.
+        top: (T,) the second one.
+        width: of a cell, in the same unit.
+        count: F.
+    """
+    middles = (np.arange(count) + 0.5) / count * width
+    shape = (len(face), count, count)
+    across = np.broadcast_to((left[:, None] + middles)[:, None, :], shape)
+    down = np.broadcast_to((top[:, None] + middles)[:, :, None], shape)
+    faces = np.broadcast_to(face[:, None, None], shape)
+    return _fixed(*project(_on_face(faces, across, down)))
 
 
 def _is_invertible(camera: Camera, project: Project, density: float) -> bool:
