@@ -154,6 +154,28 @@ def test_a_folder_of_layers_by_the_command(tmp_path):
     assert run(["reproject", str(tmp_path / "in"), str(tmp_path / "out"), *options, "--overwrite"]) == 0
 
 
+def test_pictures_are_not_replaced_by_what_is_made_of_them(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((16, 32, 3), 9, np.uint8))
+    before = (tmp_path / "a.png").read_bytes()
+    options = ["--camera", "pinhole", "--size", "8x8", "--set", "fov_deg=90", "--overwrite"]
+    for source in (tmp_path, tmp_path / "a.png"):
+        assert run(["reproject", str(source), str(tmp_path), *options]) == 2
+        assert "expected another folder than that of the pictures" in capsys.readouterr().err
+    assert (tmp_path / "a.png").read_bytes() == before
+
+
+def test_nothing_is_written_where_one_of_several_files_is_there(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(tmp_path / "in" / name), np.full((16, 32, 3), 9, np.uint8))
+    (tmp_path / "out" / "b.png").write_text("mine")
+    options = ["--camera", "pinhole", "--size", "8x8", "--set", "fov_deg=90"]
+    assert run(["reproject", str(tmp_path / "in"), str(tmp_path / "out"), *options]) == 2
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["b.png"]
+    assert (tmp_path / "out" / "b.png").read_text() == "mine"
+
+
 @pytest.mark.parametrize(
     ("shape", "options", "expected"),
     [

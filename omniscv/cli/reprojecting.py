@@ -62,13 +62,20 @@ def reproject(
     if not files:
         expected = f"IN: expected pictures ({', '.join(foreign.SUFFIXES)}) in {source}"
         raise ArgumentError(f"{expected}, got a folder without any")
+    if out.resolve() in (source.resolve(), source.resolve().parent):
+        raise ArgumentError(f"OUT: expected another folder than that of the pictures, got {out}")
+    targets = []
+    for file in files:
+        for name in views:
+            targets.append(out / _with_view(file.name, name))
+    taken = [target for target in targets if target.exists()]
+    if taken and not overwrite:
+        raise ArgumentError(f"{taken[0]}: expected no file; choose another folder, or --overwrite")
     out.mkdir(parents=True, exist_ok=True)
     with display("pictures", progress) as show:
         for number, file in enumerate(files):
             for name, rotation in views.items():
                 target = out / _with_view(file.name, name)
-                if target.exists() and not overwrite:
-                    raise ArgumentError(f"{target}: expected no file; choose another folder, or --overwrite")
                 _write(file, target, from_, set_from or [], to, rotation)
             show(Progress(images=number + 1, of_images=len(files)))
     count = len(files) * len(views)

@@ -16,7 +16,6 @@ import numpy as np
 
 from omniscv.arguments import text
 from omniscv.dataset import manifest
-from omniscv.dataset.checking import info
 from omniscv.dataset.manifest import FRAMES, Manifest
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
@@ -113,7 +112,7 @@ def write_card(out: str | Path, about: About) -> list[Path]:
         about: what its files do not say.
 
     Raises:
-        ArgumentError: a name or licence that is no line of text, or a ``README.md`` of somebody else.
+        ArgumentError: a name or licence that is no line of text, or files of somebody else under these names.
         DatasetError: no complete dataset.
     """
     for key, value in about._asdict().items():
@@ -122,18 +121,27 @@ def write_card(out: str | Path, about: About) -> list[Path]:
     folder = LocalFolder(Path(out))
     whole = manifest.read(folder)
     frames = manifest.read_frames(folder, whole)
-    path = folder.local / CARD
-    if path.exists() and _MARK not in path.read_text(encoding="utf-8", errors="replace"):
-        raise ArgumentError(f"{path}: expected no file, or a card of omniscv; move yours away")
-    counts = info(folder)
+    _refuse_files_of_others(folder.local)
+    failed = len(manifest.read_failed(folder))
     described = _description(whole, frames)
     contents = {
-        CARD: _card(about, whole, frames, counts, described),
+        CARD: _card(about, whole, frames, failed, described),
         CROISSANT: _as_json(_croissant(about, folder.local, described)),
         CODEMETA: _as_json(_codemeta(about, described)),
         ZENODO: _as_json(_zenodo(about, described)),
     }
     return [write_bytes(folder.local / name, content.encode()) for name, content in contents.items()]
+
+
+def _refuse_files_of_others(folder: Path) -> None:
+    """Raise ArgumentError for files under these names, unless a card says that omniscv wrote them."""
+    path = folder / CARD
+    if path.exists() and _MARK in path.read_text(encoding="utf-8", errors="replace"):
+        return
+    for name in (CARD, CROISSANT, CODEMETA, ZENODO):
+        if (folder / name).exists():
+            expected = "expected no file, or one beside a card of omniscv"
+            raise ArgumentError(f"{folder / name}: {expected}; move yours away")
 
 
 def _as_json(value: Mapping[str, Any]) -> str:
@@ -151,9 +159,7 @@ def _description(whole: Manifest, frames: Sequence[Frame]) -> str:
     return f"{len(frames)} synthetic images by {len(whole.cameras)} cameras ({models}) with {layers}."
 
 
-def _card(
-    about: About, whole: Manifest, frames: Sequence[Frame], counts: Mapping[str, Any], described: str
-) -> str:
+def _card(about: About, whole: Manifest, frames: Sequence[Frame], failed: int, described: str) -> str:
     """Return the dataset card: front matter, what is inside, how it was made, what its truth leaves open."""
     lines = _front_matter(about, frames)
     lines += [_MARK, "", f"# {about.name}", "", described, "", "## Cameras", ""]
@@ -173,7 +179,6 @@ def _card(
         lines.append(f"- {key}: {value}")
     lines += ["", "## What its truth leaves open", ""]
     lines += _doubt(frames)
-    failed = counts.get("failed")
     if failed:
         lines.append(f"{failed} frames failed and are left out: `failed.jsonl` says why.")
     lines += [
@@ -254,9 +259,7 @@ def _croissant(about: About, folder: Path, described: str) -> dict[str, Any]:
         "description": described,
         "conformsTo": "http://mlcommons.org/croissant/1.1",
         "license": about.license,
-        "url": about.url or "https://doi.org/10.3390/s20072066",
         "version": "1.0.0",
-        "citeAs": "OmniSCV, Sensors 2020, https://doi.org/10.3390/s20072066",
         "distribution": files,
         "recordSet": [
             {
@@ -269,6 +272,8 @@ def _croissant(about: About, folder: Path, described: str) -> dict[str, Any]:
             }
         ],
     }
+    if about.url:
+        dataset["url"] = about.url
     if about.creator:
         dataset["creator"] = {"@type": "Person", "name": about.creator}
     return dataset

@@ -1,9 +1,8 @@
 """What a prediction reads as, where it was taken for something else: planar depth, another unit, a mirrored
 picture.
 
-Each reading is tried and scored. A mistake is named where another reading agrees much better than the one
-that was said: by less than half of its error, and by more than chance gives for the number of readings that
-are tried.
+Each reading is tried and scored. The one with the least error is named where that is less than half of the
+error of the reading that was said.
 """
 
 from collections.abc import Callable, Iterator

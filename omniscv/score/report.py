@@ -70,8 +70,8 @@ def score(
     number("unit", unit_m, above=0)
     scored = []
     maps: list[tuple[float, str, Array]] = []
-    for one_truth in truths(truth):
-        item, error = _scored(predictions, one_truth, form, align, unit_m)
+    for image in truths(truth):
+        item, error = _scored(predictions, image, form, align, unit_m)
         scored.append(item)
         maps.append((item.scores.by_solid_angle.abs_rel, item.name, error))
         maps = sorted(maps, key=lambda entry: -entry[0])[:WORST]

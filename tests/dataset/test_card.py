@@ -72,8 +72,21 @@ def test_a_dataset_with_a_card_has_no_faults_and_the_card_is_renewed(made, capsy
     assert "--license states one" in capsys.readouterr().err
 
 
-def test_a_page_of_somebody_else_stays(made, capsys):
-    (made / "README.md").write_text("# Mine\n")
+@pytest.mark.parametrize("name", ["README.md", "croissant.json", "codemeta.json", ".zenodo.json"])
+def test_files_of_somebody_else_stay(made, capsys, name):
+    for other in ("README.md", "croissant.json", "codemeta.json", ".zenodo.json"):
+        (made / other).unlink(missing_ok=True)
+    (made / name).write_text("mine")
     assert run(["dataset", "card", str(made)]) == 2
-    assert (made / "README.md").read_text() == "# Mine\n"
+    assert (made / name).read_text() == "mine"
     assert "move yours away" in capsys.readouterr().err
+    (made / name).unlink()
+
+
+def test_a_dataset_says_no_address_that_it_does_not_have(made):
+    assert run(["dataset", "card", str(made), "--license", "CC0-1.0"]) == 0
+    assert "url" not in json.loads((made / "croissant.json").read_text())
+    assert (
+        run(["dataset", "card", str(made), "--license", "CC0-1.0", "--url", "https://example.org/rooms"]) == 0
+    )
+    assert json.loads((made / "croissant.json").read_text())["url"] == "https://example.org/rooms"
