@@ -44,6 +44,10 @@ _SIZES = (
 )  # fmt: skip
 """Keys of [width, height] in files of people, tried where a form's own keys are missing."""
 
+SAME_QUANTITY = 1e-3
+"""Share of a quantity by which two statements of it may differ."""
+_LEAST_REACH_M = 0.01  # metres, of which positions may differ by that share
+
 
 def _names(part: object) -> TypeGuard[str]:
     """Return whether a part of a path names a camera."""
@@ -355,7 +359,7 @@ class Form:
         time_offset = 0.0
         if time is not None:
             time_offset = time.unit_s * number(time.path, node.take(time.path, 0.0, outer=True) or 0.0)
-        return Entry(camera, pose, time_offset, node.check_rest(self.layout.harmless))
+        return Entry(camera, pose, time_offset, node.check_rest(self.layout.harmless, self.name))
 
     def camera(self, model: Model, lens: LensNumbers) -> Camera:
         """Return the camera of numbers.
@@ -469,12 +473,18 @@ class Form:
         return camera
 
     def _pose(self, node: Node) -> Pose | None:
-        """Return the pose of a camera at the first place that has one; None if it has none."""
+        """Return the pose of a camera; None if it has none, ArgumentError if two places have others."""
+        pose: Pose | None = None
         for place in self.layout.poses:
-            if node.has(place.paths):
-                with within(first_path(place.paths)):
-                    return place.read(node)
-        return None
+            if not node.has(place.paths):
+                continue
+            with within(first_path(place.paths)):
+                other = place.read(node)
+                if pose is not None and not _agree(pose, other):
+                    raise ArgumentError("expected one pose of the camera, got two that differ; remove one")
+            if pose is None:
+                pose = other
+        return pose
 
     # -- writing -------------------------------------------------------------------------------
 
@@ -574,6 +584,13 @@ class Form:
         if time is None:
             raise wrong("time_offset", f"0, as {self.name} carries none", mounted.time_offset)
         put(values, time.path, mounted.time_offset / time.unit_s)
+
+
+def _agree(pose: Pose, other: Pose) -> bool:
+    """Return whether two statements of a pose differ by no more than their digits."""
+    reach_m = max(float(np.linalg.norm(pose.position)), _LEAST_REACH_M)
+    is_turned = np.abs(pose.R_w_c - other.R_w_c).max() > SAME_QUANTITY
+    return not is_turned and np.abs(pose.position - other.position).max() <= SAME_QUANTITY * reach_m
 
 
 def _new_name(path: tuple[str | int, ...], names: Mapping[str, object]) -> str:

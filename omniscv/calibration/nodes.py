@@ -1,7 +1,7 @@
 """The mapping of a camera in a file: its keys in any spelling, its numbers, and what was not read."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.arguments import whole_number as checked_whole
+from omniscv.calibration import acting_keys
 from omniscv.calibration.documents import Content
 from omniscv.errors import ArgumentError
 
@@ -28,12 +29,6 @@ _SYNONYMS = {
 _CANONICAL: dict[str, str] = {}
 for _word, _synonyms in _SYNONYMS.items():
     _CANONICAL.update(dict.fromkeys(_synonyms.split(), _word))
-
-_GEOMETRY = re.compile(
-    r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
-    r"mirror|linedelay|readout|shutter(?!us$|speed)|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
-)
-"""Plain keys that may change the geometry: refused unless a model has them or they are neutral."""
 
 MISSING = object()
 _DEEPEST = 8  # levels of mappings and lists in which cameras are looked for
@@ -129,7 +124,7 @@ class Node:
             if not self._is_used(path):
                 yield path, value
         for path, value in leaves(self._beside()):
-            if not self._is_used(path) and any(map(_GEOMETRY.search, plain(path).split("."))):
+            if not self._is_used(path) and any(map(acting_keys.GEOMETRY.search, plain(path).split("."))):
                 yield path, value
 
     def _is_used(self, path: str) -> bool:
@@ -146,15 +141,17 @@ class Node:
                 beside[key] = value
         return beside
 
-    def check_rest(self, harmless: str = "$^") -> tuple[str, ...]:
+    def check_rest(self, harmless: str = "$^", form: str = "") -> tuple[str, ...]:
         """Return the paths of keys that are ignored.
 
         Args:
             harmless: a pattern of plain paths that look like geometry and are none.
+            form: name of the form, for :func:`omniscv.calibration.acting_keys.is_acting`.
 
         Raises:
             ArgumentError: a key that may change the geometry and is not neutral, or a misspelt one.
         """
+        self.check_acting(form)
         ignored = []
         for path, value in self.unread():
             if self._may_act(path, value) and not re.search(harmless, plain(path)):
@@ -162,12 +159,26 @@ class Node:
             ignored.append(path)
         return tuple(ignored)
 
+    def check_acting(self, form: str, topics: Collection[str] = tuple(acting_keys.TOPICS)) -> None:
+        """Raise ArgumentError for a key that was not read, is not neutral and may change what is seen.
+
+        Args:
+            form: name of the form.
+            topics: of :data:`omniscv.calibration.acting_keys.TOPICS`.
+        """
+        for path, value in leaves(self.values):
+            key = plain(path)
+            if self._is_used(path) or not acting_keys.is_acting(key, form, topics):
+                continue
+            if not _is_neutral(value, key):
+                raise wrong(path, "no such key, which may change what is seen", value)
+
     def _may_act(self, path: str, value: object) -> bool:
         """Return whether a key that was not read may change the geometry: by its name, or as a misspelt
         one."""
         key = plain(path)
         words = key.split(".")
-        geometric = [word for word in words if _GEOMETRY.search(word)]
+        geometric = [word for word in words if acting_keys.GEOMETRY.search(word)]
         acting = [*geometric, key] if key in self.modelled else geometric
         if any(not _is_neutral(value, word) for word in acting):
             return True
@@ -231,7 +242,7 @@ def _is_neutral(value: object, key: str) -> bool:
         return True
     if value in (None, "") and re.match(r"[kps]\d", key):
         return False
-    if value is None:
+    if value is None or value is False:
         return True
     if isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0"):
         return True

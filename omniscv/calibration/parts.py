@@ -9,7 +9,14 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, LensNumbers, matrix_3x4, matrix_of_pose
+from omniscv.calibration.forms import (
+    SAME_QUANTITY,
+    Entry,
+    Form,
+    LensNumbers,
+    matrix_3x4,
+    matrix_of_pose,
+)
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
 from omniscv.cameras.rig import ORIGIN
 from omniscv.errors import ArgumentError
@@ -98,9 +105,17 @@ def join_orb(cameras: dict[str, Values]) -> Values:
     return document
 
 
-_FOCAL = ("fl_x", "camera_angle_x")
-_OF_A_FRAME = re.compile(r"path|matrix|mask|depth|time|index|id$|name|sharp|motion|camera_convention")
+_FOCAL = ("fl_x", "camera_angle_x", "x_fov")
+_STATEMENTS_OF_FOCAL = ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov")
+_OF_A_FRAME = re.compile(
+    r"^(?!.*mask).*path$|^mask_path$|^transform_matrix$|^depth$|index|id$|name|sharp|motion|"
+    r"^time(stamp)?s?$|^rotation$"
+)
 """Keys of a frame of ``transforms.json`` that are not of its lens."""
+_SIDES = {9: 3, 12: 3, 16: 4}  # rows of a matrix of so many numbers
+_MATRICES = ("K", "intrinsic_matrix", "camera_matrix", "intrinsics")
+_OPENGL = ("opengl", "nerf", "nerfstudio", "blender")
+"""What ``camera_convention`` calls the axes that poses of ``transforms.json`` have."""
 
 
 def frames(content: Content) -> dict[str, Any]:
@@ -141,33 +156,102 @@ def lens_of_frame(shared: Mapping[str, Any], frame: Mapping[str, Any]) -> Values
         shared: the file's mapping.
         frame: an item of its list ``frames``.
     """
-    lens = dict(shared)
-    lens.pop("frames", None)
+    own: Values = {}
     for key, value in frame.items():
         if not _OF_A_FRAME.search(key):
-            lens[key] = value
-    if lens.get("is_fisheye") and "camera_model" not in lens:
-        lens["camera_model"] = "OPENCV_FISHEYE"
+            own[key] = value
+    lens = dict(shared)
+    lens.pop("frames", None)
+    if Node(own).has(_FOCAL):
+        for key in _STATEMENTS_OF_FOCAL:
+            lens.pop(key, None)
+    lens |= own
+    _take_fisheye(lens)
+    _take_convention(lens)
+    _take_degrees(lens)
     return lens
 
 
-def angle(node: Node, lens: LensNumbers) -> LensNumbers:
-    """Turn a field of view from side to side into a focal length: ``fx = width / 2 / tan(angle / 2)``.
+def _take_fisheye(lens: Values) -> None:
+    """Take instant-ngp's word for a fisheye as its model; ArgumentError where both differ."""
+    if "is_fisheye" not in lens:
+        return
+    is_fisheye = bool(lens.pop("is_fisheye"))
+    model = lens.setdefault("camera_model", "OPENCV_FISHEYE" if is_fisheye else None)
+    if model is not None and (model == "OPENCV_FISHEYE") != is_fisheye:
+        word = str(is_fisheye).lower()
+        raise ArgumentError(f"is_fisheye: expected what camera_model says, {model}, got {word}; remove one")
+
+
+def _take_convention(lens: Values) -> None:
+    """Drop a word for OpenGL's axes; ArgumentError for that of others."""
+    convention = lens.pop("camera_convention", None)
+    if convention is not None and str(convention).lower() not in _OPENGL:
+        raise wrong("camera_convention", "opengl; convert poses to x right, y up, z back", convention)
+
+
+def _take_degrees(lens: Values) -> None:
+    """Replace instant-ngp's fields of view, degrees, by those in radians; ArgumentError where both differ."""
+    for axis in "xy":
+        if f"{axis}_fov" not in lens:
+            continue
+        angle = float(np.radians(number(f"{axis}_fov", lens.pop(f"{axis}_fov"), above=0, below=180)))
+        other = lens.setdefault(f"camera_angle_{axis}", angle)
+        _check_same(f"{axis}_fov", angle, f"camera_angle_{axis}", number(f"camera_angle_{axis}", other))
+
+
+def _check_same(name: str, value: float, other_name: str, other: float) -> None:
+    """Raise ArgumentError for two statements of a quantity that differ by more than a thousandth of it."""
+    if not abs(value - other) <= SAME_QUANTITY * abs(other):
+        expected = f"expected {other:.6g}, as {other_name} says"
+        raise ArgumentError(f"{name}: {expected}, got {value:.6g}; remove one of both")
+
+
+def agreeing(node: Node, lens: LensNumbers) -> LensNumbers:
+    """Turn fields of view into focal lengths: ``fx = width / 2 / tan(angle / 2)``.
 
     Args:
-        node: the camera's mapping, which is not used.
+        node: the camera's mapping, whose other statements of size, focal lengths and centre must agree.
         lens: its numbers, whose ``angle`` and ``angle_y``, radians, become ``fx`` and ``fy``.
+
+    Raises:
+        ArgumentError: two statements of a quantity differ by more than a thousandth of it.
     """
     values = dict(lens.values)
-    if "angle" in values:
-        half = number("camera_angle_x", values.pop("angle"), above=0, below=np.pi) / 2
-        values["fx"] = float(lens.width / 2 / np.tan(half))
-    if "angle_y" in values:
-        half = number("camera_angle_y", values.pop("angle_y"), above=0, below=np.pi) / 2
-        values["fy"] = float(lens.height / 2 / np.tan(half))
+    sides = {"x": lens.width, "y": lens.height}
+    angles = {"x": values.pop("angle", None), "y": values.pop("angle_y", None)}
+    for axis, side in sides.items():
+        name = f"camera_angle_{axis}"
+        angle = node.take(name, None) if angles[axis] is None else angles[axis]
+        if angle is None or lens.word == "EQUIRECTANGULAR":
+            continue
+        focal = float(side / 2 / np.tan(number(name, angle, above=0, below=np.pi) / 2))
+        stated = values.setdefault(f"f{axis}", values.get("f", focal))
+        _check_same(f"focal length by {name}", focal, f"fl_{axis}", stated)
+    for key, side in (("width", lens.width), ("height", lens.height)):
+        if node.has(key):
+            _check_same(key, number(key, node.take(key)), key[0], side)
+    if "f" in values:
+        values.setdefault("fx", values["f"])
     if "fx" in values:
         values = {"fy": values["fx"], **values}
+        _check_matrices(node, lens._replace(values=values))
+    values.pop("f", None)
     return lens._replace(values=values)
+
+
+def _check_matrices(node: Node, lens: LensNumbers) -> None:
+    """Raise ArgumentError where matrices of a lens say other numbers than its keys."""
+    for key in _MATRICES:
+        entries = floats(key, node.values[key]) if key in node.values else []
+        if len(entries) not in _SIDES:
+            continue  # no matrix: the check of keys refuses it by name
+        node.take(key)
+        matrix = np.reshape(entries, (_SIDES[len(entries)], -1))
+        entry_of = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
+        known = {"cx": lens.width / 2, "cy": lens.height / 2, **lens.values}
+        for name, entry in entry_of.items():
+            _check_same(f"{name} of {key}", float(entry), name, known[name])
 
 
 KITTI_MATRICES = ("K_00", "K_01", "K_02", "P_rect_00", "P_rect_02", "P0", "P2")

@@ -206,7 +206,7 @@ _CENTER_AND_DISTORTION = scalars("cx", "cy", "k1", "k2", "k3", "p1", "p2", optio
 NERFSTUDIO = Form(
     "nerfstudio",
     "nerfstudio, instant-ngp, NeRF's transforms.json",
-    marks=("frames", ("fl_x", "camera_angle_x")),
+    marks=("frames", ("fl_x", "camera_angle_x", "x_fov")),
     layout=Layout(
         models=(
             Model(
@@ -259,9 +259,9 @@ NERFSTUDIO = Form(
         word=("camera_model",),
         size=("w", "h"),
         shift_px=0.0,
-        harmless="^camera_?angle|^aabb|^(n|max|min)?k$",
+        harmless="^aabb|^(n|max|min)k$|^up$",
     ),
-    reading=Reading(split=parts.frames, finish=parts.angle),
+    reading=Reading(split=parts.frames, finish=parts.agreeing),
     writing=Writing("json", constant={"frames": []}),
 )
 

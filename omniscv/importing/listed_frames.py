@@ -4,6 +4,7 @@ import json
 import unicodedata
 from collections.abc import Collection, Mapping
 from functools import cache
+from itertools import starmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,12 +185,14 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
             entries.append((document, entry))
     if not entries:
         raise ArgumentError("transforms.json: expected frames, got an empty list, or no file")
-    positions, rotations = Rows.of_entries(rows).poses("opengl")
+    poses = [Pose.from_angles((0, 0, 0))] * len(rows)
+    if options.poses is None:
+        poses = list(starmap(Pose, zip(*Rows.of_entries(rows).poses("opengl"), strict=True)))
     reader = _Nerfstudio(folder, options)
     frames: list[Frame] = []
     for i, (document, entry) in enumerate(entries):
         with within(f"frames[{i}]"):
-            frames.append(reader.frame(document, entry, Pose(positions[i], rotations[i])))
+            frames.append(reader.frame(document, entry, poses[i]))
     says: list[str] = []
     masked = sum(frame.mask is not None for frame in frames)
     if masked:
@@ -238,10 +241,13 @@ class _Nerfstudio:
 
     def _lens(self, values: Mapping[str, Any], lit: Path) -> Pinhole | Wide | None:
         """Return the lens of values, or of the user's file; of the size of the picture if it has none."""
+        from omniscv.calibration.nodes import Node  # slow to load
+
         key = json.dumps(values)
         if key not in self._lenses:
             file = self._options.intrinsics
             if file:
+                Node(values).check_acting("nerfstudio", ("pose", "unit", "time", "mask"))
                 self._lenses[key] = of_file(file, size_of(lit))
             else:
                 size = (0, 0) if {"w", "h"} <= values.keys() else size_of(lit)
@@ -354,14 +360,14 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     for words, files in places.items():
         files, parts = with_layers(files)
         layers.append(parts)
-        pose = _pose_of_place(options, axes.frame, words, files)
+        pose = pose_of_place(options, axes.frame, files, path, words)
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = [] if lens else ["resampled to six faces"]
     if axes.line:
         says.append(axes.line)
     says += layer_lines(layers)
-    poses = words_of(_columns_in(options), axes.frame, options.unit)
+    poses = words_of(columns_in(options), axes.frame, options.unit)
     return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses, refused=axes.refused)
 
 
@@ -375,20 +381,38 @@ def _check_panoramas(options: Options, place_count: int, has_lens: bool) -> None
         raise ArgumentError("expected --poses, or --position and --yaw; got both")
 
 
-def _pose_of_place(options: Options, axes: str, words: tuple[str, ...], files: Mapping[str, Path]) -> Pose:
-    """Return the pose of pictures that are named by some words: that of the user's file, or of all."""
+def pose_of_place(
+    options: Options, axes: str, files: Mapping[str, Path], folder: Path, words: tuple[str, ...] = ()
+) -> Pose:
+    """Return the pose of pictures in the user's file, by their names; without a file that of all.
+
+    Args:
+        options: of the user.
+        axes: the frame of poses in the file.
+        files: the pictures by mode.
+        folder: of all pictures.
+        words: in the names of the pictures, which may name a pose, too.
+
+    Raises:
+        ArgumentError: the file has no pose of these pictures.
+    """
     pose = options.pose or Pose.from_angles((0, 0, 0))
     if not options.poses:
         return pose
     names: list[str] = []
     for file in files.values():
+        if file.is_relative_to(folder):
+            names.append(file.relative_to(folder).as_posix())
         names += (file.name, file.stem)
     names.append("_".join(words))
     return named_pose(options.poses, names, frame=axes, unit=options.unit) or pose
 
 
-def _columns_in(options: Options) -> Collection[str]:
-    """Return the columns of ``--poses``; those of a matrix for JSON, or without a file."""
+def columns_in(options: Options) -> Collection[str]:
+    """Return the columns of ``--poses``; those of a matrix for JSON, or without a file.
+
+    ``options`` are of the user.
+    """
     if not options.poses or options.poses.suffix.lower() == ".json":
         return ("m0",)
     return read_rows(options.poses, keyed=True)[1].columns

@@ -28,11 +28,14 @@ from omniscv.importing.conventions import Words
 from omniscv.importing.layouts import LAYOUTS
 from omniscv.importing.lenses import Pinhole, Wide
 from omniscv.importing.listed_frames import (
+    columns_in,
+    frame_of_poses,
     inside,
     is_panoramas,
     named_pose,
     nerfstudio,
     panoramas,
+    pose_of_place,
     poses_in,
     size_of,
     tum,
@@ -199,7 +202,7 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
     if not sequence.modes:
         raise ArgumentError(f"expected pictures of layout {layout}, got none")
     if layout not in PANORAMAS:
-        _check_unposed(options, layout)
+        sequence = _by_user(sequence, path, options, layout)
     _share_places(sequence.frames)
     return replace(sequence, layout=layout, options=options)
 
@@ -214,11 +217,51 @@ def _layout_of(path: Path, options: Options) -> str:
     return "latlong" if is_panoramas(path) else ""
 
 
-def _check_unposed(options: Options, layout: str) -> None:
-    """Raise ArgumentError for options that say what a layout says."""
-    said = {"position or yaw": options.pose, "poses": options.poses, "mirrored": options.mirrored}
-    for name, value in said.items():
-        if value:
+def _by_user(sequence: Sequence, folder: Path, options: Options, layout: str) -> Sequence:
+    """Return frames with the poses of the user's file, if there is one, and lines of what the user says.
+
+    Args:
+        sequence: of a layout that has poses.
+        folder: of its files.
+        options: of the user.
+        layout: its name.
+
+    Raises:
+        ArgumentError: options that say what a layout says, or frames that are no cameras of one pose.
+    """
+    _check_unposed(options, layout, is_posable=not sequence.words.fixed)
+    says = list(sequence.says)
+    if options.intrinsics:
+        says.append(f"lens of {options.intrinsics.name}, as --intrinsics says, whatever other files say")
+    if options.poses is None:
+        return replace(sequence, says=tuple(says))
+    axes = frame_of_poses(options)
+    if axes.refused and not sequence.modes["depth"]:
+        raise ArgumentError(axes.refused)
+    for frame in sequence.frames:
+        frame.pose = pose_of_place(options, axes.frame, frame.files, folder)
+    says.append(f"poses of {options.poses.name}, as --poses says, whatever other files say")
+    if axes.line:
+        says.append(axes.line)
+    words = words_of(columns_in(options), axes.frame, options.unit)
+    return replace(sequence, says=tuple(says), words=words, refused=axes.refused)
+
+
+def _check_unposed(options: Options, layout: str, is_posable: bool) -> None:
+    """Raise ArgumentError for options that say what a layout says.
+
+    Args:
+        options: of the user.
+        layout: its name.
+        is_posable: whether its frames may have poses of the user's.
+    """
+    said = {
+        "position or yaw": options.pose is not None,
+        "poses": options.poses is not None and not is_posable,
+        "mirrored": options.mirrored,
+    }
+    for name, is_given in said.items():
+        if is_given:
             raise ArgumentError(f"{name}: expected none, because layout {layout} says it")
 
 
