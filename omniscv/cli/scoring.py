@@ -23,6 +23,16 @@ def score(
     form: Annotated[str, Option(help="What predictions hold: range, planar or disparity.")] = "range",
     align: Annotated[str, Option(help="none, median, scale, scale-shift or disparity-scale-shift.")] = "none",
     unit: Annotated[float, Option(help="Of predictions, metres: .001 for millimetres.")] = 1.0,
+    intervals: Annotated[
+        bool | None,
+        Option(
+            "--intervals/--no-intervals",
+            help="What figures can be by truths within their bounds; default: without --align.",
+        ),
+    ] = None,
+    bounded: Annotated[
+        bool, Option("--bounded", help="Compare pixels in doubt, too, where the truth has a bound.")
+    ] = False,
     as_json: options.AsJson = False,
     progress: StyleOption = None,
 ) -> None:
@@ -31,14 +41,23 @@ def score(
 
     with display("images", progress) as show:
         scored = report.score(
-            predictions, truth, form=form, align=align, unit_m=unit, out=out,
+            predictions,
+            truth,
+            form=form,
+            align=align,
+            unit_m=unit,
+            intervals=intervals,
+            bounded=bounded,
+            out=out,
             done=lambda count: show(Progress(images=count, of_images=count)),
-        )  # fmt: skip
+        )
     if as_json:
-        console.as_json({"mean": report.mean(scored), "images": [item.name for item in scored]})
+        names = [item.name for item in scored]
+        means = {"mean": report.mean(scored), "mean_within": report.mean_within(scored)}
+        console.as_json({**means, "images": names})
         return
-    rows = [tuple(row.values()) for row in report.summary(scored)]
-    console.table(("measure", "by pixel", "by solid angle"), rows)
+    rows = report.summary(scored)
+    console.table(tuple(rows[0]), [tuple(row.values()) for row in rows])
     compared = sum(item.scores.compared for item in scored)
     in_doubt = sum(item.scores.in_doubt for item in scored)
     missing = sum(item.scores.missing for item in scored)

@@ -12,9 +12,12 @@ whose truth is in doubt are left out and counted.
 
 from omniscv.score.alignment import ALIGNMENTS, align
 from omniscv.score.areas import solid_angles
-from omniscv.score.measures import DepthMeasures, DepthScores, depth
+from omniscv.score.depth_scores import DepthScores, depth
+from omniscv.score.intervals import Interval
+from omniscv.score.measures import DepthMeasures
 from omniscv.score.mistakes import Mistake, find_mistakes
 
 __all__ = [
-    "ALIGNMENTS", "DepthMeasures", "DepthScores", "Mistake", "align", "depth", "find_mistakes", "solid_angles"
+    "ALIGNMENTS", "DepthMeasures", "DepthScores", "Interval", "Mistake", "align", "depth", "find_mistakes",
+    "solid_angles"
 ]  # fmt: skip

@@ -1,5 +1,7 @@
 """How much of the sphere each pixel of a central camera sees."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from omniscv.cameras import Camera
@@ -9,11 +11,13 @@ from omniscv.geometry.arrays import Ints
 
 _TO_A_CORNER = 0.5 - 1e-4
 """px from a pixel's middle: at the very corner the ray may be that of another face of a cube."""
+_KEPT = 4  # cameras whose solid angles are kept in memory
 _PARTS = 16  # of a pixel along each axis, where the end of the field of view cuts it
 
 
+@lru_cache(_KEPT)
 def solid_angles(camera: Camera) -> Array:
-    """Return (H, W) the solid angles of pixels, steradians; 0 where a pixel sees nothing.
+    """Return (H, W) the solid angles of pixels, steradians, read-only; 0 where a pixel sees nothing.
 
     A pixel is the spherical quadrilateral between the rays of its corners, two triangles. Source: Van
     Oosterom and Strackee, The solid angle of a plane triangle, 1983. Pixels that the end of the field of
@@ -41,6 +45,7 @@ def solid_angles(camera: Camera) -> Array:
     rows, columns = np.nonzero(touched & ~whole)
     if len(rows):
         areas[rows, columns] = _areas_of_parts(camera, rows, columns)
+    areas.flags.writeable = False
     return areas
 
 

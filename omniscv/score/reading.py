@@ -34,12 +34,14 @@ class Truth(NamedTuple):
         camera: of the image.
         depth: (H, W) metres along rays.
         doubt: (H, W) bool, pixels in doubt.
+        error: (H, W) metres that depth may be off, infinite where nothing bounds it; None: not known.
     """
 
     name: str
     camera: Camera
     depth: Array
     doubt: Mask
+    error: Array | None = None
 
 
 def truths(folder: str | Path) -> Iterator[Truth]:
@@ -87,7 +89,10 @@ def _truth(name: str, camera: Camera, layers: Mapping[str, NDArray[Any]]) -> Tru
     if "depth" not in layers:
         raise ArgumentError(f"{name}: expected an image with depth, got {', '.join(layers) or 'none'}")
     shape = (camera.height, camera.width)
-    return Truth(name, camera, layers["depth"].astype(np.float64), doubt_of(layers, shape))
+    error = None
+    if "depth_error" in layers:
+        error = np.where(layers.get("unsure", np.False_), np.inf, layers["depth_error"]).astype(np.float64)
+    return Truth(name, camera, layers["depth"].astype(np.float64), doubt_of(layers, shape), error)
 
 
 def prediction(folder: Path, truth: Truth) -> tuple[Array, str]:

@@ -6,16 +6,17 @@ import html
 import io
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from omniscv.arguments import number
 from omniscv.geometry import Array
-from omniscv.score.measures import DepthMeasures, DepthScores, as_range, depth
+from omniscv.score.depth_scores import DepthScores, as_range, depth
+from omniscv.score.measures import DepthMeasures
 from omniscv.score.mistakes import Mistake, find_mistakes
 from omniscv.score.reading import Truth, prediction, truths
 from omniscv.storage.local import write_bytes
@@ -43,6 +44,16 @@ class Scored:
     resampled: str = ""
 
 
+class Options(NamedTuple):
+    """How predictions are read and scored; see :func:`score`."""
+
+    form: str = "range"
+    align: str = "none"
+    unit_m: float = 1.0
+    intervals: bool = True
+    bounded: bool = False
+
+
 def score(
     predictions: Path,
     truth: str | Path,
@@ -50,6 +61,8 @@ def score(
     form: str = "range",
     align: str = "none",
     unit_m: float = 1.0,
+    intervals: bool | None = None,
+    bounded: bool = False,
     out: Path | None = None,
     done: Callable[[int], None] = lambda count: None,
 ) -> list[Scored]:
@@ -61,6 +74,10 @@ def score(
         form: what predictions hold: ``range``, ``planar``, ``disparity``.
         align: see :data:`omniscv.score.ALIGNMENTS`.
         unit_m: of predictions, metres.
+        intervals: whether figures have intervals where the truth has bounds; None: without an alignment, with
+            which they take seconds for an image.
+        bounded: whether pixels in doubt are compared where the truth has a bound; see
+            :func:`omniscv.score.depth`.
         out: folder for ``report.json``, ``report.csv`` and ``report.html``; None: nothing is written.
         done: called with the count of images after each.
 
@@ -68,10 +85,11 @@ def score(
         ArgumentError: an image without a prediction, or one that cannot be compared.
     """
     number("unit", unit_m, above=0)
+    options = Options(form, align, unit_m, align == "none" if intervals is None else intervals, bounded)
     scored = []
     maps: list[tuple[float, str, Array]] = []
     for image in truths(truth):
-        item, error = _scored(predictions, image, form, align, unit_m)
+        item, error = _scored(predictions, image, options)
         scored.append(item)
         maps.append((item.scores.by_solid_angle.abs_rel, item.name, error))
         maps = sorted(maps, key=lambda entry: -entry[0])[:WORST]
@@ -92,15 +110,39 @@ def mean(scored: Sequence[Scored]) -> dict[str, dict[str, float]]:
     return means
 
 
-def _scored(predictions: Path, truth: Truth, form: str, align: str, unit_m: float) -> tuple[Scored, Array]:
+def mean_within(scored: Sequence[Scored]) -> dict[str, dict[str, tuple[float, float]]]:
+    """Return what those means can be by truths within their bounds, (least, greatest), by the kind of
+    weights; nothing for a kind that an image has no interval of."""
+    means: dict[str, dict[str, tuple[float, float]]] = {}
+    for weights in ("by_pixel", "by_solid_angle"):
+        intervals = [getattr(item.scores, f"{weights}_within") for item in scored]
+        if None in intervals:
+            continue
+        means[weights] = {}
+        for measure in _MEASURES:
+            low = np.mean([getattr(interval.low, measure) for interval in intervals])
+            high = np.mean([getattr(interval.high, measure) for interval in intervals])
+            means[weights][measure] = float(low), float(high)
+    return means
+
+
+def _scored(predictions: Path, truth: Truth, options: Options) -> tuple[Scored, Array]:
     """Return the scores of an image, and its map of relative errors (H, W), NaN where nothing is compared."""
     values, resampled = prediction(predictions, truth)
     scores = depth(
-        values, truth.depth, truth.camera, doubt=truth.doubt, form=form, align=align, unit_m=unit_m
+        values,
+        truth.depth,
+        truth.camera,
+        doubt=truth.doubt,
+        error=truth.error if options.intervals or options.bounded else None,
+        bounded=options.bounded,
+        form=options.form,
+        align=options.align,
+        unit_m=options.unit_m,
     )
-    along = as_range(values * unit_m, form, truth.camera)
+    along = as_range(values * options.unit_m, options.form, truth.camera)
     mistakes = []
-    if align == "none":
+    if options.align == "none":
         mistakes = find_mistakes(along, truth.depth, truth.camera, truth.doubt)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(along - truth.depth) / truth.depth
@@ -115,9 +157,9 @@ def _write(scored: Sequence[Scored], maps: Sequence[tuple[float, str, Array]], o
     for item in scored:
         lines = [mistake.line() for mistake in item.mistakes]
         images.append(
-            {"name": item.name, **asdict(item.scores), "mistakes": lines, "resampled": item.resampled}
+            {"name": item.name, **item.scores.to_dict(), "mistakes": lines, "resampled": item.resampled}
         )
-    report = {"mean": mean(scored), "images": images}
+    report = {"mean": mean(scored), "mean_within": mean_within(scored), "images": images}
     write_bytes(out / "report.json", (json.dumps(report, indent=2) + "\n").encode())
     write_bytes(out / "report.csv", _table(scored).encode())
     write_bytes(out / "report.html", _page(scored, maps).encode())
@@ -166,18 +208,19 @@ def _picture(error: Array) -> str:
     return "data:image/png;base64," + base64.b64encode(encoded.tobytes()).decode()
 
 
-def summary(scored: Sequence[Scored]) -> list[dict[str, Any]]:
-    """Return a row for each measure: its means by pixels and by solid angle."""
+def summary(scored: Sequence[Scored]) -> list[dict[str, str]]:
+    """Return a row for each measure: its means by pixels and by solid angle, with their intervals."""
     means = mean(scored)
+    within = mean_within(scored)
     rows = []
     for measure in _MEASURES:
-        rows.append(
-            {
-                "measure": measure,
-                "by pixel": f"{means['by_pixel'][measure]:.4g}",
-                "by solid angle": f"{means['by_solid_angle'][measure]:.4g}",
-            }
-        )
+        row = {"measure": measure}
+        for weights in ("by_pixel", "by_solid_angle"):
+            row[weights.replace("_", " ")] = f"{means[weights][measure]:.4g}"
+            if weights in within:
+                low, high = within[weights][measure]
+                row[f"{weights.replace('_', ' ')}: within"] = f"[{low:.4g}, {high:.4g}]"
+        rows.append(row)
     return rows
 
 

@@ -18,9 +18,9 @@ from omniscv.errors import ArgumentError
 from omniscv.evaluate import Settings, layout, run
 from omniscv.evaluate.layout import PAPER, figures, scores
 from omniscv.evaluate.layout.predictions import Prediction, draw_maps, read
+from omniscv.score.layouts import map_scores
 from omniscv.truth import project_layout
 from omniscv.truth.layout_labels import cor_id, exact_maps, original_maps
-from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 512, 256)
 RECORDING = Path(__file__).parents[2] / "captures" / "four-wall.sqlite"

@@ -8,9 +8,9 @@ from support.rooms import L_SHAPE, PLAIN, T_SHAPE, U_SHAPE, room_of_plan
 
 from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
+from omniscv.score.layouts import layout_scores
 from omniscv.truth import project_layout
 from omniscv.truth.layout_labels import CAMERA_HEIGHT_M, cor_id, exact_maps, original_maps, room_seen
-from omniscv.truth.metrics import layout_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)
 SMALL = cameras.create("equirectangular", 256, 128)

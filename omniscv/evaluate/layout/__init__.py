@@ -25,11 +25,11 @@ from omniscv.evaluate.layout.predictions import Prediction, visible_curves
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
+from omniscv.score.layouts import LayoutScores, layout_scores, map_scores
 from omniscv.sources import Source
 from omniscv.storage.local import write_text
 from omniscv.truth import layout, project_layout
 from omniscv.truth.layout_labels import Map, cor_id, lines_of, original_maps
-from omniscv.truth.metrics import LayoutScores, layout_scores, map_scores
 from omniscv.truth.room_in_image import inside
 
 SCENES = "mock://four-wall", "mock://six-wall"
