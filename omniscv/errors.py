@@ -171,6 +171,39 @@ class DamagedFileError(StorageError, DatasetError):
     """A file has other bytes than its size and checksum say."""
 
 
+class AdvisedError(OmniscvError):
+    """An error whose remedy depends on the front door: a command words it otherwise than a call of Python.
+
+    Attributes:
+        reason: what was expected and what came.
+        advice: what to do; empty where nobody has said it.
+    """
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        super().__init__(f"{reason}; {advice}" if advice else reason)
+        self.reason = reason
+        self.advice = advice
+
+    def advised(self, advice: str) -> Self:
+        """Return the same error with other ``advice``."""
+        return type(self)(self.reason, advice)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.reason, self.advice)
+
+
+class ExistingDatasetError(AdvisedError, ArgumentError):
+    """A folder has a dataset where a new one was expected."""
+
+
+class OtherDatasetError(AdvisedError, ArgumentError):
+    """A folder has a dataset of another job than the one that is made."""
+
+
+class FailedFramesError(AdvisedError, DatasetError):
+    """More frames failed than the job allows."""
+
+
 class UnmatchedNamesError(DatasetError):
     """Objects whose names no rule of ``classes.yaml`` matches.
 

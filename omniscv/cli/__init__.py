@@ -17,6 +17,7 @@ from typer.exceptions import TyperException
 
 import omniscv
 from omniscv.cli import console
+from omniscv.cli.remedies import advised, stopped
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import keep_freed_memory
 
@@ -129,7 +130,7 @@ def run(arguments: list[str]) -> int:
     """Run a command line, and return its exit code; every failure prints one line on standard error."""
     message = ""
     try:
-        code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
+        code = int(app(arguments, prog_name="omniscv", standalone_mode=False, obj=arguments) or 0)
     except TyperException as usage:
         code = usage.exit_code
         text = _usage_text(usage, arguments)
@@ -137,7 +138,7 @@ def run(arguments: list[str]) -> int:
         message = text and f"{text} (see {command} --help)"
     except OmniscvError as error:
         code = 2 if isinstance(error, ArgumentError) else 1
-        message = str(error) or type(error).__name__
+        message = str(advised(error, arguments)) or type(error).__name__
     except OSError as error:
         from omniscv.storage.local import refusal
 
@@ -150,7 +151,7 @@ def run(arguments: list[str]) -> int:
         code = 1
         message = f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == console.STOPPED:
-        message = "stopped; what is complete is kept, rerun to resume"
+        message = stopped(arguments)
     elif message and not _has_working_folder():
         message = "expected a working folder, this one was deleted; change to another one"
     if message:

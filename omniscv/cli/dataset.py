@@ -35,7 +35,9 @@ _CLUSTER_HELP = "Workers of Dask: local:N processes here, or a scheduler's addre
 class _Made:
     """Options of how a dataset is made."""
 
-    resume: Annotated[bool, Option("--resume", help="Complete an existing dataset.")] = False
+    resume: Annotated[
+        bool, Option("--resume", help="Complete an existing dataset of the same job; so it does without.")
+    ] = False
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing dataset.")] = False
     keep_going: Annotated[
         bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
@@ -71,15 +73,16 @@ class _Made:
         return int(index), int(count)
 
 
-@app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
+@app.command(epilog="Example: omniscv dataset make dataset.yaml --workers 2")
 @with_job(IMAGES, needs_file=True)
 @with_blocks
 def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
-    The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
-    clusters go on with a dataset that is there; see docs/scale.md.
+    The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. If it was
+    stopped, the same command goes on. A dataset of another job is refused.
     """
+    from omniscv.cli.remedies import go_on
     from omniscv.job import FailureLimit
     from omniscv.make import make as make_dataset
 
@@ -89,11 +92,7 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
     part = how.part()
     if how.keep_going:
         loaded = replace(loaded, failures=FailureLimit(1.0))
-    existing: Literal["refuse", "resume", "replace"] = "refuse"
-    if how.resume:
-        existing = "resume"
-    elif how.overwrite:
-        existing = "replace"
+    existing: Literal["resume", "replace"] = "replace" if how.overwrite else "resume"
     with display("frames", progress) as show:
         if how.cluster is not None:
             result = _make_on_workers(loaded, how, show)
@@ -107,9 +106,14 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
                 progress=show,
                 warn=console.error,
             )
-    state = f"{result.missing} frames are missing: finish with --resume" if result.missing else "complete"
-    failed = f", {result.failed} failed: try them again with --resume" if result.failed else ""
+    state = "complete"
+    if result.missing:
+        whole = go_on(job.typed, without=("--shard",))
+        state = f"{result.missing} frames of other shards are missing: after them this finishes: {whole}"
+    failed = f", {result.failed} failed" if result.failed else ""
     console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept{failed}; {state}")
+    if result.failed:
+        console.error(f"this tries the frames that failed again: {go_on(job.typed)}")
     raise Exit(1 if result.failed and how.keep_going else 0)
 
 

@@ -275,6 +275,7 @@ class JobArguments:
         values: of the options, by name.
         given: names of the options on the command line.
         described: the keys of a job without a file, before its options.
+        typed: the words of the command line, without the program's name.
     """
 
     file: Path | None
@@ -282,6 +283,7 @@ class JobArguments:
     values: dict[str, Any]
     given: frozenset[str]
     described: Keys = field(default_factory=dict)
+    typed: tuple[str, ...] = ()
 
     def load(self) -> Job:
         """Return the job of the file, changed by the given options; without a file, the job of all options.
@@ -422,7 +424,8 @@ def with_job(
                 if origin and origin.name == "COMMANDLINE":
                     given.add(name)
                 of_job[name] = values.pop(name)
-            body(job=JobArguments(job, options, of_job, frozenset(given)), **values)
+            typed = tuple(context.find_root().obj or ())
+            body(job=JobArguments(job, options, of_job, frozenset(given), typed=typed), **values)
 
         parameters = [
             Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),

@@ -34,7 +34,7 @@ _LINES_EVERY_S = 60.0
 _LOOK_EVERY_S = 2.0
 _ANSWER_S = 30.0
 _LONGEST_WAIT_S = 60.0
-_AGAIN = "what is made is kept: run the same command again"
+_AGAIN = "what is made is kept: making the dataset again goes on"
 
 
 @dataclass(eq=False)
@@ -314,7 +314,7 @@ class Tasks:
         if seconds > self._patience_s:
             silence = f"{self.workers} workers, and nothing for {self._patience_s:.0f} s"
             raise ClusterError(
-                f"expected workers that make frames, got {silence}; {_AGAIN}, with --patience for longer"
+                f"expected workers that make frames, got {silence}; {_AGAIN}; a longer --patience waits"
             )
         wait_s = self._line_s if not self._alive else max(self._line_s, _LINES_EVERY_S)
         if seconds < wait_s:

@@ -24,7 +24,7 @@ from omniscv.dataset.manifest import (
     write_planned,
 )
 from omniscv.dataset.origin import Origin, World, differences, frame_difference, plain, world_difference
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.errors import ArgumentError, DatasetError, ExistingDatasetError, OtherDatasetError
 from omniscv.frame import Frame
 from omniscv.frame.classes import ClassRules
 from omniscv.storage import Folder, in_the_way
@@ -40,11 +40,10 @@ def lock(folder: Folder) -> AbstractContextManager[None]:
 
 
 def refuse_existing(folder: Folder) -> None:
-    """Refuse a folder that holds a dataset with frames."""
+    """Raise ExistingDatasetError for a folder that holds a dataset with frames."""
     whole = find_own(folder)
     if whole is not None and Belongings(folder, whole).frames:
-        content = "a dataset; --resume completes it, --overwrite replaces it, or"
-        raise ArgumentError(f"{folder}: expected a new folder, got {content} write elsewhere")
+        raise ExistingDatasetError(f"{folder}: expected a new folder, got a dataset")
 
 
 def find_own(folder: Folder) -> Manifest | None:
@@ -142,15 +141,15 @@ def begin(
         The manifest, and the existing frames by key.
 
     Raises:
-        ArgumentError: a dataset exists and ``resume`` is not set, or the first difference between it and
-            what is wanted; or the folder holds images of ``render``, or files of others that are in the way.
+        ExistingDatasetError: a dataset exists and ``resume`` is not set.
+        OtherDatasetError: the first difference between it and what is wanted.
+        ArgumentError: the folder holds images of ``render``, or files of others that are in the way.
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
     current = find_own(folder)
     if current is not None and not resume:
-        content = "a dataset; --resume completes it, --overwrite replaces it, or"
-        raise ArgumentError(f"{folder}: expected a new folder, got {content} write elsewhere")
+        raise ExistingDatasetError(f"{folder}: expected a new folder, got a dataset")
     is_part = planned is not None and planned.is_part
     there = Belongings(folder, current or wanted, keys if is_part else None)
     if current is not None and (difference := _difference(folder, current, wanted, planned, there)):
@@ -182,13 +181,12 @@ def _remove_other_dataset(folder: Folder, current: Manifest, difference: str) ->
         difference: what is different in the present job, the end of a sentence that begins with "its".
 
     Raises:
-        ArgumentError: it has frames, or is in a store, or another process is writing it.
+        OtherDatasetError: it has frames, or is in a store, or another process is writing it.
     """
     belongings = Belongings(folder, current)
     if belongings.frames or folder.local is None or _is_written(folder):
         expected = "expected a job with the settings of the dataset"
-        advice = "--overwrite replaces the dataset, or write elsewhere"
-        raise ArgumentError(f"{folder}: {expected}; its {difference}; {advice}")
+        raise OtherDatasetError(f"{folder}: {expected}; its {difference}")
     roll_back(folder)
     _remove(folder, belongings)
 

@@ -94,9 +94,10 @@ def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterat
     failed = {line["key"] for line in manifest.read_failed(folder)}
     for key in sorted(failed & known):
         yield f"{manifest.FAILED}: expected frames that are not in {manifest.FRAMES}, got {key}"
-    advice = "'omniscv dataset make JOB --resume' lists it if the job has it, else remove {}.* or --overwrite"
+    advice = manifest.advice_to_complete(whole)
     for key in sorted(Belongings(folder, whole).frames.keys() - known - failed):
-        yield f"{key}.json: expected a frame that {manifest.FRAMES} lists; {advice.format(key)}"
+        wanted = f"expected a frame that {manifest.FRAMES} lists"
+        yield f"{key}.json: {wanted}; {advice}, if the frame is theirs; else remove {key}.*"
 
 
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:

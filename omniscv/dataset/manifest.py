@@ -319,6 +319,13 @@ def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
     return out.put(DATASET, f"{text}\n".encode(), first)
 
 
+def advice_to_complete(whole: Manifest) -> str:
+    """Return how the dataset of a manifest is completed: by the job, or the loop, that began it."""
+    if whole.origin is not None and whole.origin.worlds:
+        return "'omniscv dataset make JOB' with its job completes it"
+    return "the loop that writes it completes it, by dataset.Writer(out, resume=True)"
+
+
 def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list[Frame]:
     """Return the frames of ``frames.jsonl`` in the dataset ``out``, in the order of the file.
 
@@ -331,8 +338,7 @@ def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list
         content = folder.read(FRAMES, _MOST_FRAMES_BYTES)
     except MissingFileError:
         wanted = f"expected a complete dataset, got no {FRAMES} in it"
-        advice = "finish it by 'omniscv dataset make JOB --resume'"
-        raise DatasetError(f"{folder}: {wanted}; {advice}") from None
+        raise DatasetError(f"{folder}: {wanted}; {advice_to_complete(manifest)}") from None
     with _damage(f"{folder}/{FRAMES}"):
         frames = [manifest.frame(parse_json(line), folder) for line in content.splitlines()]
     keys = [frame.key for frame in frames]

@@ -24,7 +24,7 @@ from omniscv.dataset.belongings import SCRATCH, frame_of, roll_back
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
 from omniscv.dataset.origin import differences, frame_difference, plain
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.errors import ArgumentError, DatasetError, ExistingDatasetError, OtherDatasetError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
@@ -40,13 +40,14 @@ class Writer:
     """Adds frames to a dataset; a context manager. Safe to use from several threads.
 
     The list of frames is written when the context ends without an error, or by :meth:`finish`. A process that
-    is killed leaves whole files; ``resume`` keeps the frames that it had added.
+    is killed leaves whole files; ``resume`` keeps the frames that it had added. ``key in writer`` says
+    whether a frame is there, whole, before it is rendered again.
 
     Args:
         out: the folder, by path or URL; made if it does not exist.
         classes: path or content of a ``classes.yaml``, or :class:`omniscv.frame.classes.ClassRules`; those of
             a dataset that is resumed if not given.
-        resume: continue a dataset that exists.
+        resume: continue a dataset if there is one.
         begun: what the manifest holds from the start: cameras, names, settings.
         closed: refuse objects that the manifest does not have, as when several processes write one dataset.
         media: ``xmp``, whether pictures of equirectangular cameras get Photo Sphere metadata, and ``north``,
@@ -57,8 +58,9 @@ class Writer:
         written_as: the image format, the store and the depth format: :class:`omniscv.compose.files.Forms`.
 
     Raises:
-        ArgumentError: a dataset exists and ``resume`` is not set, or it was begun with other cameras, classes
-            or settings; or the folder holds images of ``render``.
+        ExistingDatasetError: a dataset exists and ``resume`` is not set.
+        OtherDatasetError: it was begun with other cameras, classes or settings.
+        ArgumentError: the folder holds images of ``render``, or files of others that are in the way.
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
@@ -98,9 +100,16 @@ class Writer:
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
         with lock(self._folder):
-            self.manifest, self._there = begin(self._folder, wanted, resume, keys, planned)
+            with _advice():
+                self.manifest, self._there = begin(self._folder, wanted, resume, keys, planned)
             if self._folder.local is not None:  # which says that a writer is alive
                 self._alive.enter_context(scratch_folder(self._folder.local, SCRATCH))
+
+    def __contains__(self, key: str) -> bool:
+        """Return whether the dataset has the frame of a key, with all of its files."""
+        self._settle()
+        self.keep([key])
+        return key in self._frames
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
@@ -419,6 +428,18 @@ class Writer:
 
 
 # -- files of frames -------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _advice() -> Iterator[None]:
+    """Say in errors of an existing dataset what a program does about it."""
+    try:
+        yield
+    except ExistingDatasetError as error:
+        goes_on = "dataset.Writer(out, resume=True) goes on with it, or write elsewhere"
+        raise error.advised(goes_on) from None
+    except OtherDatasetError as error:
+        raise error.advised("write elsewhere") from None
 
 
 def is_same(written: Frame, frame: Frame) -> bool:

@@ -29,7 +29,10 @@ from omniscv.errors import (
     ArgumentError,
     DamagedFileError,
     DatasetError,
+    ExistingDatasetError,
+    FailedFramesError,
     MissingFileError,
+    OtherDatasetError,
     RecordingError,
     SourceError,
 )
@@ -138,10 +141,23 @@ def _all_parts(count: int) -> list[Part]:
     return [Part(index, count) for index in range(count)]
 
 
+class _How(NamedTuple):
+    """How a part is made: the arguments of :func:`make` and :func:`run_part`."""
+
+    workers: int = 1
+    progress: Report | None = None
+    warn: Callable[[str], None] | None = None
+    replaces: bool = False
+    chosen: Collection[str] | None = None
+    begins: Callable[[str], None] | None = None
+    lost: Mapping[str, str] = {}
+    carefully: bool = False
+
+
 def make(
     job: Job,
     *,
-    existing: Literal["refuse", "resume", "replace"] = "refuse",
+    existing: Literal["refuse", "resume", "replace"] = "resume",
     shard: tuple[int, int] | None = None,
     limit: int | None = None,
     workers: int = 1,
@@ -152,32 +168,57 @@ def make(
 
     Args:
         job: what to make.
-        existing: what happens to an existing dataset: ``refuse`` it, ``resume`` it, which keeps frames whose
-            files have their checksums, or ``replace`` it.
+        existing: what happens to an existing dataset: ``resume`` that of the same job, which keeps frames
+            whose files have their checksums, ``refuse`` any, or ``replace`` it.
         shard: (i, n): only part i of n (:class:`Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
-            finished by ``resume``.
+            finished by making the job there without ``shard``.
         limit: only so many frames: those whose keys have the least SHA-256, which are spread evenly.
         workers: images that are composed at a time.
         progress: called as frames progress.
         warn: called with lines about doubtful pixels and empty splits.
 
     Raises:
-        ArgumentError: the dataset cannot be made of this job, or another one exists.
+        ArgumentError: the dataset cannot be made of this job.
+        ExistingDatasetError: one exists, and is refused.
+        OtherDatasetError: one of another job exists.
         UnmatchedNamesError: no rule of the classes matches some objects.
         OmniscvError: as :func:`omniscv.render`, a truth or a format; frames that were made stay.
     """
     whole_number("workers", workers, most=256)
     part = Part() if shard is None else Part(*shard)
+    how = _How(workers, progress, warn, existing == "replace")
+    try:
+        return _make(job, part, how, existing, limit, is_shard=shard is not None)
+    except ExistingDatasetError as error:
+        advice = "existing='resume' completes it, existing='replace' replaces it, or write elsewhere"
+        raise error.advised(advice) from None
+    except OtherDatasetError as error:
+        raise error.advised("existing='replace' replaces the dataset, or write elsewhere") from None
+
+
+def _make(job: Job, part: Part, how: _How, existing: str, limit: int | None, *, is_shard: bool) -> Made:
+    """Make a part of the dataset of a job, and finish the dataset if it is the last one.
+
+    Args:
+        job: what to make.
+        part: of its frames; all if it is no shard.
+        how: it is made.
+        existing: as of :func:`make`.
+        limit: as of :func:`make`.
+        is_shard: whether other processes make other parts.
+
+    Raises:
+        OmniscvError: as :func:`make`.
+    """
     folder = storage.folder(job.out)
-    _check_existing(folder, existing, is_shard=bool(shard))
+    _check_existing(folder, existing, is_shard)
     if job.worlds:  # one world is checked where it is opened, before the first capture
         job = check_worlds(job, dataset=True, opens=part.of)
     chosen = None if limit is None else chosen_keys(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
-    how = _How(workers, progress, warn, existing == "replace", chosen)
-    made, worlds, frames = _run(job, part, how)
-    if shard and complete and not made.written and _are_listed(folder, frames):
+    made, worlds, frames = _run(job, part, how._replace(chosen=chosen))
+    if is_shard and complete and not made.written and _are_listed(folder, frames):
         folder.remove_files([part.marker])
         return Made(0, made.kept)
     unfinished = _unfinished(folder, part.count)
@@ -185,7 +226,7 @@ def make(
         return made
     missing = _count_missing(worlds, unfinished, chosen)
     if not missing:
-        finish(job, part.count, warn)
+        finish(job, part.count, how.warn)
     return replace(made, missing=missing)
 
 
@@ -266,19 +307,6 @@ def run_part(
         OmniscvError: as :func:`make`.
     """
     return _run(job, part, _How(1, progress, warn, False, chosen, begins, lost or {}, carefully), source)[0]
-
-
-class _How(NamedTuple):
-    """How a part is made: the arguments of :func:`make` and :func:`run_part`."""
-
-    workers: int = 1
-    progress: Report | None = None
-    warn: Callable[[str], None] | None = None
-    replaces: bool = False
-    chosen: Collection[str] | None = None
-    begins: Callable[[str], None] | None = None
-    lost: Mapping[str, str] = {}
-    carefully: bool = False
 
 
 def _run(
@@ -568,7 +596,7 @@ def _write_lists(
         failed: by key, lines of the frames that failed.
 
     Raises:
-        DatasetError: more frames failed than the job allows.
+        FailedFramesError: more frames failed than the job allows.
     """
     frames = {}
     gone = []
@@ -583,8 +611,8 @@ def _write_lists(
     count = len(frames) + len(failed)
     if len(failed) > job.failures.skip * count:
         wanted = f"expected at most {job.failures.skip:.3g} of {count} frames to fail"
-        advice = f"see {manifest.FAILED}; --resume tries them again"
-        raise DatasetError(f"failures: {wanted}, got {len(failed)}; {advice}")
+        advice = "making it again tries them again"
+        raise FailedFramesError(f"failures: {wanted}, got {len(failed)}; see {manifest.FAILED}", advice)
     manifest.write_frames(folder, frames.values())
     folder.remove(manifest.PLANNED)
     folder.remove_files(gone)

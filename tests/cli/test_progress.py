@@ -139,7 +139,8 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
             process.send_signal(number)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + number
-    assert said == "omniscv: stopped; what is complete is kept, rerun to resume\n"
+    stopped = "omniscv: stopped; what is complete is kept; this goes on: "
+    assert said == f"{stopped}the same command, without --overwrite and --resume if it has them\n"
     assert verify(out).ok
     assert 0 < info(out).captures["lit"] < 6000
 

@@ -111,7 +111,7 @@ def test_frames_that_end_workers_are_left_out_as_failures_are(tmp_path):
     count = len(failed)
     assert 1 <= count <= 4
     assert all("2 workers ended while they made it" in line["error"] for line in failed)
-    assert f"{48 - count} frames made, 0 kept, {count} failed: try them again with --resume" in output
+    assert f"{48 - count} frames made, 0 kept, {count} failed; " in output
 
 
 @pytest.mark.soak

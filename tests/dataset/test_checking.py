@@ -106,7 +106,7 @@ def test_records_are_json_of_objects_that_the_dataset_has(copied):
 def test_an_incomplete_dataset_is_a_fault(copied, capsys):
     (copied / "frames.jsonl").unlink()
     assert cli.run(["dataset", "check", str(copied)]) == 1
-    assert "make JOB --resume" in capsys.readouterr().out
+    assert "'omniscv dataset make JOB' with its job completes it" in capsys.readouterr().out
     assert cli.run(["dataset", "export", str(copied), "--to", "coco"]) == 1
 
 

@@ -75,7 +75,7 @@ def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
     path = copied.with_name("dataset.yaml")
     job = load(path)
     with pytest.raises(ArgumentError, match="expected a new folder, got a dataset"):
-        make(job)
+        make(job, existing="refuse")
     changed = {
         "options": replace(job, modes=("lit", "object_mask")),
         "camera 'pano'": replace(job, cameras={"pano": job.cameras["lens"]}),

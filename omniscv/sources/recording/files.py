@@ -13,6 +13,7 @@ import contextlib
 import logging
 import os
 import re
+import shlex
 import shutil
 import sqlite3
 import struct
@@ -245,7 +246,8 @@ _PICTURES = {
 def import_advice(pictures: Path) -> str:
     """Return the command that makes a recording of pictures."""
     target = pictures.with_suffix(".sqlite").name
-    return f"write omniscv recording import {pictures} {target} --position 0,0,1.5, and render from {target}"
+    command = shlex.join(["omniscv", "recording", "import", str(pictures), target, "--position", "0,0,1.5"])
+    return f"write '{command}', and render from {target}"
 
 
 def check_header(path: Path) -> None:

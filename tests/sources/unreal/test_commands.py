@@ -117,7 +117,7 @@ def test_sigterm_stops_the_game_and_keeps_the_captures(game, tmp_path):
         recorder.send_signal(signal.SIGTERM)
         _, printed = recorder.communicate(timeout=60)
     assert recorder.returncode == 143
-    assert "rerun to resume" in printed
+    assert "what is complete is kept; this goes on: the same command" in printed
     assert waited_for(lambda: not is_running(game))
     assert verify(out).ok
     assert 0 < info(out).captures["lit"] < 1200
