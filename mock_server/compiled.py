@@ -271,7 +271,9 @@ def _meaning(value: Any) -> str:
         return value.digest
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {value.tolist()}"
-    if isinstance(value, (bool, int, float, tuple, np.generic, np.dtype)):
+    if isinstance(value, np.generic):  # versions of NumPy spell it in different ways
+        return f"{value.dtype} {value.item()!r}"
+    if isinstance(value, (bool, int, float, tuple, np.dtype)):
         return repr(value)
     if isinstance(value, type) and issubclass(value, tuple):
         return f"{getattr(value, '_fields', ())} {fields_of(value)}"
