@@ -22,7 +22,7 @@ from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, reads_few, stacke
 from omniscv.planning import Captures, KnownDepth, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
 from omniscv.planning.rounds import FINER, pixels_of
-from omniscv.planning.strategies import SAME_M
+from omniscv.planning.viewpoints import SAME_M
 from omniscv.progress import Progress, Report
 from omniscv.render_options import COMPARED
 from omniscv.sources import codecs

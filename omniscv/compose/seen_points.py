@@ -2,7 +2,7 @@
 
 A capture from another centre can only claim what is visible from both. So each ray is marched through the
 depth that was captured at the shared centre, and through the small pictures of depth at the camera's
-position (:mod:`omniscv.planning.strategies`): each sees a part of the ray's way. Where they agree on what the
+position (:mod:`omniscv.planning.viewpoints`): each sees a part of the ray's way. Where they agree on what the
 ray meets, and together see all of the way, the point is known. Depth and labels are then bounded at that
 point, pixel by pixel.
 """

@@ -23,7 +23,7 @@ from omniscv.job import Exposure, Job, Split
 from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, renderer_at
 from omniscv.make.source import opened
 from omniscv.planning import Plan
-from omniscv.planning.strategies import MEAN_OF_A_FACE
+from omniscv.planning.viewpoints import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Request, Source, check_modes, known_objects
 from omniscv.sources.recording.files import target_of

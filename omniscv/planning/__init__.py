@@ -6,7 +6,8 @@ from omniscv.planning.plan import Plan, Strategy, get, names, register
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.sharing import share_captures
-from omniscv.planning.strategies import Cube, Exact, face_viewpoints
+from omniscv.planning.strategies import Cube, Exact
+from omniscv.planning.viewpoints import face_viewpoints
 from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
 
 for _strategy in (Auto, Exact, Cube):

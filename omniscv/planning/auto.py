@@ -5,7 +5,7 @@ from omniscv.planning.one_center import OneCenter
 from omniscv.planning.plan import Plan, Strategy
 from omniscv.planning.refinement import Refinement
 from omniscv.planning.rounds import Rounds
-from omniscv.planning.several_centers import SeveralCenters
+from omniscv.planning.several_centers import SeveralCenters, searches_given_centers
 from omniscv.planning.strategies import Exact
 
 
@@ -13,7 +13,7 @@ class Auto(Strategy):
     """Capture finer until an image reaches the accuracy that the options ask for.
 
     Without one, cameras with many optical centres have a share of their own; of few, each is captured, as
-    :class:`Exact` does.
+    :class:`Exact` does. So have those for which the options give a number of centres.
     """
 
     name = "auto"
@@ -28,7 +28,9 @@ class Auto(Strategy):
         if plan.options.accuracy is not None or plan.rays.one_center:
             return plan.options.accuracy
         has_many_centers = plan.scattered or len(plan.rays.groups()) > tuned.FEW_CENTERS
-        return tuned.DEFAULT_DOUBT_SHARE if has_many_centers else None
+        if has_many_centers or searches_given_centers(plan):
+            return tuned.DEFAULT_DOUBT_SHARE
+        return None
 
     def expected(self, plan: Plan) -> tuple[int, int]:
         if plan.doubt_share is None:

@@ -22,11 +22,28 @@ from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import STUCK, Choice, Refinement, first_view
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, pixels_of
-from omniscv.planning.strategies import capture_around, occlusion
+from omniscv.planning.viewpoints import capture_around, edges_around, holds_search, occlusion
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.sources.base import Capture, View
 
 _NONE = np.zeros(0, np.int64)
+
+
+def searches_given_centers(plan: Plan) -> bool:
+    """Return whether what rays meet is searched from as many optical centres as the options give.
+
+    So it is where the source has depth and sets its views. Recordings from before the search was there hold
+    other pictures around the camera, and are composed as they were made.
+    """
+    if plan.options.viewpoints is None or plan.rays.one_center:
+        return False
+    if "depth" not in plan.capabilities.modes or not plan.sets_views:
+        return False
+    if plan.recorded is None:
+        return True
+    return holds_search(plan) and plan.recorded.hold(
+        Search(replace(plan, recorded=None), plan.groups()).first_views()
+    )
 
 
 class SeveralCenters(Refinement):
@@ -48,12 +65,14 @@ class SeveralCenters(Refinement):
         if isinstance(groups, str):
             yield from self._exactly(groups)
             return
-        around = (yield from capture_around(self.plan, groups)) if len(groups) > 1 else None
+        around = None
+        if len(groups) > 1 or self.plan.options.viewpoints is not None:
+            around = yield from capture_around(self.plan, groups, edges_around(self.plan, searched=True))
         self._search = search = Search(self.plan, groups)
         self._shown_finer, self._was_wrong = np.zeros((2, len(search.pixels)), np.bool_)
         if not (yield from self._march(groups)):
             return
-        if len(groups) == 1:  # captured at the camera's position
+        if around is None and len(groups) == 1:  # captured at the camera's position
             around = search.shells[0]
         if around is not None:
             self._occluded = occlusion(around, search.origins_w)[1]

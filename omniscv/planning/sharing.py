@@ -20,7 +20,7 @@ from omniscv.geometry import Pose
 from omniscv.planning.plan import Plan, get
 from omniscv.planning.rays import ImageRays
 from omniscv.planning.rounds import pixels_of
-from omniscv.planning.strategies import SAME_M
+from omniscv.planning.viewpoints import SAME_M
 from omniscv.planning.views import PIXELS_PER_REQUEST
 from omniscv.render_options import Price
 from omniscv.sources.base import Request

@@ -52,6 +52,7 @@ def drawn_pose(seed):
 
 
 FACE_PX = 192
+FEW_UNSURE = 0.005  # of the valid pixels: ten of an image here, too few for a share of them to say much
 
 CASES = [
     *(
@@ -81,7 +82,7 @@ def test_what_is_wrong_is_marked(name, room, way, rooms):
     image = omniscv.render(camera, drawn_pose(0), source, MODES, face_size=FACE_PX, **way)
     found = Errors(image, scene, FACE_PX / 2)
     assert found.uncovered.sum() <= max(2, UNCOVERED * image.valid.sum())
-    assert image.unsure[image.valid].mean() <= 0.001 or found.unsure_wrong() >= 0.2
+    assert image.unsure[image.valid].mean() <= FEW_UNSURE or found.unsure_wrong() >= 0.2
     assert not image.unsure[~image.valid].any()
     assert (image.depth_error[~image.valid] == 0).all()
     assert (image.depth[image.valid] > 0).all()

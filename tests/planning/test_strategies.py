@@ -24,6 +24,7 @@ LEVEL = Pose.from_angles((0.0, 0.0, 1.5))
 CAMERAS = cameras_at(48)
 ROOM = load_scene("four-wall")
 ANY = Capabilities()
+COLORS = Capabilities(modes=frozenset({"lit", "object_mask"}))
 EXACT = ("exact", "cube")
 SCATTERED = ("orthographic",)  # every pixel has an optical centre of its own
 LINED_UP = [name for name in CAMERAS if name not in SCATTERED]
@@ -71,7 +72,7 @@ def test_no_view_is_captured_for_nothing(name, views):
 def test_a_centre_for_every_pixel_is_refused(name, strategy):
     with pytest.raises(ArgumentError, match=f"expected 'auto', .* or a number.* got '{strategy}'"):
         views_of(plan(CAMERAS[name], strategy=strategy))
-    viewpoints = viewpoints_of(plan(CAMERAS[name], strategy=strategy, viewpoints=12))
+    viewpoints = viewpoints_of(plan(CAMERAS[name], capabilities=COLORS, strategy=strategy, viewpoints=12))
     assert len(viewpoints) <= 12
     # Parallel rays that share a viewpoint may lie within less than the 1 degree of an engine.
     assert min(view.fov_deg for each in viewpoints for view in each.views) >= 1
@@ -102,12 +103,12 @@ def test_strips_of_a_size_that_a_server_takes():
 @settings(max_examples=6)
 def test_any_number_of_centres(count):
     camera = CAMERAS["noncentral-panorama"]
-    viewpoints = viewpoints_of(plan(camera, viewpoints=count, strategy="exact"))
+    viewpoints = viewpoints_of(plan(camera, capabilities=COLORS, viewpoints=count, strategy="exact"))
     assert len(viewpoints) == min(count, camera.width)
     assert sum(len(each.pixels) for each in viewpoints) == camera.width * camera.height
 
 
-@pytest.mark.parametrize("capabilities", [FIXED, Capabilities(modes=frozenset({"lit", "object_mask"}))])
+@pytest.mark.parametrize("capabilities", [FIXED, COLORS])
 def test_what_cannot_be_planned_is_captured_exactly(capabilities):
     camera = CAMERAS["noncentral-panorama"]
     exact = views_of(plan(camera, capabilities=capabilities, strategy="exact"))
