@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import add, sub
+from statistics import linear_regression
 from threading import Lock
 from typing import Self, TypeVar
 
@@ -32,6 +33,65 @@ class Progress:
 
     def __sub__(self, other: Self) -> Self:
         return type(self)(*map(sub, astuple(self), astuple(other)))
+
+
+_SETTLED = 0.25
+"""An estimate is made of a time that is at least so long as the time before it, which kernels, first captures
+and the opening of a source take."""
+_FEWEST = 2  # images of a few, or captures of a single one, whose time is measured
+_MANY = 4  # images of many whose time is measured: some of them may be made at a time
+_POINTS = 100  # images, about, through whose times a line is laid: some are made at a time, or take longer
+_PART = 0.1  # of the captures of a single image, whose time is measured
+
+
+class Remaining:
+    """Estimates how long work will take, by the times at which its images were done.
+
+    The first image, or the first capture of a single one, only starts the clock: what is made once is not
+    counted. Of many images the later half counts, as the first ones may have been kept, or shared captures.
+    """
+
+    def __init__(self) -> None:
+        self._now = Progress()
+        self._done_s: list[float] = []
+        self._first: tuple[int, float] | None = None  # captures, and when they were first reported
+
+    def note(self, now: Progress, seconds: float) -> None:
+        """Note the progress ``seconds`` after the start."""
+        self._done_s += [seconds] * (now.images - len(self._done_s))
+        if self._first is None and now.captures:
+            self._first = now.captures, seconds
+        self._now = now
+
+    def seconds(self, elapsed: float) -> float | None:
+        """Return the seconds that are left, ``elapsed`` seconds after the start; None if nobody knows."""
+        now = self._now
+        if now.of_images and now.images >= now.of_images:
+            return 0.0
+        if now.of_images == 1:
+            return self._of_captures(elapsed)
+        first = max(1, len(self._done_s) // 2)
+        count = len(self._done_s) - first
+        if count < min(_MANY, max(_FEWEST, now.of_images // 3)):
+            return None
+        last_s = self._done_s[-1]
+        first_s = self._done_s[first - 1]
+        if last_s - first_s < _SETTLED * first_s:
+            return None
+        numbers = range(first - 1, len(self._done_s), 1 + count // _POINTS)
+        each_s = linear_regression(numbers, [self._done_s[number] for number in numbers]).slope
+        missing = now.of_images - now.images
+        return max((missing - 1) * each_s, missing * each_s - (elapsed - last_s))
+
+    def _of_captures(self, elapsed: float) -> float | None:
+        """As :meth:`seconds`, of a single image."""
+        if self._first is None:
+            return None
+        first, first_s = self._first
+        count = self._now.captures - first
+        if count < max(_FEWEST, _PART * self._now.of_captures) or elapsed - first_s < _SETTLED * first_s:
+            return None
+        return (self._now.of_captures - self._now.captures) * (elapsed - first_s) / count
 
 
 Steps = Callable[[int, int], None]

@@ -128,6 +128,10 @@ class RollingShutter(Camera):
         path_rows = rows_along(path, time_ns, (first_ns, last_ns), mounted)
         return type(self)(**{**self._arguments(), "path": path_rows})
 
+    def at_rest(self) -> Self:
+        """Return the camera without its path; itself if it has none."""
+        return self if self.path is None else type(self)(**{**self._arguments(), "path": None})
+
     def _arguments(self) -> dict[str, Any]:
         """Return the arguments; of the base without its size, and without a centre in the middle."""
         base = self.base.to_dict()
@@ -398,3 +402,8 @@ def path_of(camera: Camera) -> list[list[float]] | None:
     """Return the rows of the path on which a camera moves; None for a camera that rests."""
     path = camera.path if isinstance(camera, RollingShutter) else None
     return None if path is None else path.tolist()
+
+
+def without_path(camera: Camera) -> Camera:
+    """Return a camera that moves on a path, at rest; others as they are."""
+    return camera.at_rest() if isinstance(camera, RollingShutter) else camera

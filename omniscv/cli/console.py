@@ -160,9 +160,10 @@ class Display:
     def __init__(
         self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S, from_s: float = 0.0
     ) -> None:
-        from omniscv.progress import Progress
+        from omniscv.progress import Progress, Remaining
 
         self.note = ""
+        self._remaining = Remaining()
         self._what = what
         self._started = time.monotonic()
         self._seconds = 0.0
@@ -188,6 +189,7 @@ class Display:
         if now.images != self._now.images:
             self._last_image = now
         self._now = now
+        self._remaining.note(now, self._seconds)
         if self._style == "bar":
             self._bar.update(self._task, completed=self.fraction, description=self.line())
         elif self._style == "plain" and self._seconds - self._printed_s >= self._every_s:
@@ -236,8 +238,9 @@ class Display:
         if now.of_captures:
             rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
             parts.append(f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}")
-        if self.fraction > 0:
-            parts.append(f"{_clock(round(self._seconds * (1 / self.fraction - 1)))} left")
+        left_s = self._remaining.seconds(self._seconds)
+        if left_s is not None:
+            parts.append(f"{_clock(round(left_s))} left")
         return ", ".join(parts)
 
 

@@ -196,14 +196,17 @@ def _described(job: JobArguments, games: list[Path]) -> JobArguments:
 @with_job(VIEW)
 def plan(
     job: JobArguments,
-    measure: Annotated[bool, Option("--measure", help="Open the source, and time captures.")] = False,
+    measure: Annotated[
+        bool, Option("--measure", help="Make two captures of each mode and one image, to measure seconds.")
+    ] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """List what auto, three accuracies, exact and cube would capture for a job, and how long that takes.
+    """List what auto, three accuracies, exact and cube would capture for a job.
 
     The last column is the share of pixels that are expected to be marked as inexact or unsure: the price of
     fewer captures. Where what is seen decides, captures are from those of a furnished room to twice as many,
-    in fine relief more; megapixels and seconds are of the furnished room.
+    in fine relief more. Seconds are listed where they are measured: by --measure, those of the whole job; by
+    a recording of the job that knows when its captures were made, those of captures.
     """
     from omniscv.make import check_worlds, costs
     from omniscv.render_options import COMPARED
@@ -213,26 +216,16 @@ def plan(
     for world in check_worlds(job.load(), dataset=False).each:
         if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
             is_unchecked = True
-        for cost in costs(_with_measured_price(world) if measure else world):
+        for cost in costs(world, measure=measure):
             priced.append((world.world, cost))
     if len({name for name, _ in priced}) > 1:
         priced += [("all worlds", total) for total in _totals(priced)]
     if as_json:
         console.as_json([_plain_cost(name, cost) for name, cost in priced])
         return
-    _print_costs(priced)
+    _print_costs(priced, measured=measure)
     if is_unchecked and any(cost.way.endswith("%") for _, cost in priced):
         console.error(_UNCHECKED)
-
-
-def _with_measured_price(world: Any) -> Any:
-    """Return a world with the price of captures that is measured and printed."""
-    from omniscv.make import measured_price
-
-    price = measured_price(world)
-    console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
-    capture_ms = (price.request, price.megapixel)
-    return replace(world, options=replace(world.options, capture_ms=capture_ms))
 
 
 def _totals(priced: Sequence[tuple[str, Any]]) -> list[Any]:
@@ -249,9 +242,17 @@ def _plain_cost(world: str, cost: Any) -> dict[str, Any]:
     return {"world": world, **values} if world else values
 
 
-def _print_costs(priced: Sequence[tuple[str, Any]]) -> None:
-    """Print the table of costs, with a column of worlds if they have names."""
-    columns = ["strategy", "captures", "Mpx", "seconds", "marked %"]
+def _print_costs(priced: Sequence[tuple[str, Any]], *, measured: bool) -> None:
+    """Print the table of costs, with a column of worlds if they have names.
+
+    Args:
+        priced: the name of a world, and a cost.
+        measured: whether seconds are of the whole job, else of the captures alone.
+    """
+    columns = ["strategy", "captures", "Mpx", "marked %"]
+    is_timed = any(cost.seconds is not None for _, cost in priced)
+    if is_timed:
+        columns.insert(3, "seconds" if measured else "capture s")
     has_worlds = bool(priced[-1][0])
     if has_worlds:
         columns.insert(0, "world")
@@ -261,7 +262,9 @@ def _print_costs(priced: Sequence[tuple[str, Any]]) -> None:
         if cost.traced:
             captures += f", {', '.join(cost.traced)} by rays"
         marked = f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown"
-        row = [cost.way, captures, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}", marked]
+        row = [cost.way, captures, f"{cost.pixels / 1e6:.2f}", marked]
+        if is_timed:
+            row.insert(3, "" if cost.seconds is None else f"{cost.seconds:.3g}")
         rows.append([name, *row] if has_worlds else row)
     console.table(columns, rows)
 

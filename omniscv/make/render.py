@@ -1,14 +1,11 @@
-"""Run a job: render its images, capture what they need, or count what that would cost."""
+"""Run a job: render its images, or capture what they need."""
 
-import logging
-import time
 from collections import ChainMap, Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import replace
-from functools import partial, reduce
+from functools import partial
 from itertools import chain
-from operator import add
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -16,14 +13,12 @@ import numpy as np
 
 from omniscv import planning, storage
 from omniscv.arguments import wrong
-from omniscv.cameras import Camera
 from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.compose.saved import check_free, is_image
 from omniscv.dataset.manifest import is_dataset
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check, check_faults, check_source
 from omniscv.make.instants import (
@@ -37,10 +32,8 @@ from omniscv.make.instants import (
 from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
-from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
-from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Color, Request, Source, SourceWrapper, View
 from omniscv.sources.labels import labels_of
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
@@ -49,16 +42,8 @@ from omniscv.sources.requests import exposures_of
 from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
 
-_PROBES = 3  # captures whose time is measured
-_PROBE_PX = 16  # their size
-_LARGE_PX = 1024  # the size of others, for what a pixel takes
 _FACE_PER_OVERSCAN = 16  # the edge of a face by how much wider it is on each side
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
-_AIMS = (0.01, 0.003, 0.001)  # accuracies whose costs are shown
-_PLANNED_CENTERS = 500  # places, and instants of a world that moves, that are planned: others cost the same
-_log = logging.getLogger("omniscv")
-_Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
-_Moments = list[InstantViews]
 
 
 def run(
@@ -374,88 +359,3 @@ def _capture_plans(
         progress += Progress(images=1)
         report(progress)
     return new
-
-
-def costs(job: Job) -> list[Cost]:
-    """Return what a job's images take by ``auto``, by three accuracies, and by every other strategy.
-
-    Seconds are by the job's ``capture_ms``. Strategies that the source does not support are left out.
-    """
-    ways: dict[str, tuple[str, float | None]] = {"auto": ("auto", None)}  # strategy and accuracy
-    for aim in _AIMS:
-        ways[f"{100 * aim:g} %"] = ("auto", aim)
-    for name in planning.names():
-        ways.setdefault(name, (name, None))
-    found = []
-    check(job)
-    with opened(replace(job, record=None)) as (job, source):
-        moments: _Moments = []
-        for shared in frames_by_instant(job):
-            moments += shared.captured
-        chosen = _spread(moments)
-        planned = _planned(job, chosen, partial(Renderer(source).plan, options=job.options))
-        for way, (strategy, accuracy) in ways.items():
-            with suppress(ArgumentError):
-                by_state = []
-                for modes, plans in planned:
-                    by_state.append(cost(way, plans, modes, strategy=strategy, accuracy=accuracy))
-                found.append(reduce(add, by_state).times(len(moments) / len(chosen)))
-    return found
-
-
-def _spread(moments: _Moments) -> _Moments:
-    """Return the moments at some optical centres, spread evenly over all, which stand for the others."""
-    by_centers: dict[tuple[str, bytes], _Moments] = {}
-    for moment in moments:
-        instant, views, _ = moment
-        centers = b"".join(pose.position.tobytes() for _, pose in views)
-        by_centers.setdefault((instant.state, centers), []).append(moment)
-    if len(by_centers) <= _PLANNED_CENTERS:
-        return moments
-    step = -(-len(by_centers) // _PLANNED_CENTERS)
-    chosen = list(by_centers.values())[::step]
-    line = "planned at %d of %d places and instants, which stand for the others"
-    _log.info(line, len(chosen), len(by_centers))
-    return list(chain.from_iterable(chosen))
-
-
-def measured_price(job: Job) -> Price:
-    """Return what a job's source takes, by captures; nothing for a recording, which captures nothing."""
-    with opened(replace(job, record=None)) as (job, source):
-        small = _request_seconds(source)
-        large = _request_seconds(source, _LARGE_PX) if source.capabilities.can_set_size else small
-    return Price(1e3 * small, 1e3 * max(0.0, large - small) / (_LARGE_PX**2 / 1e6))
-
-
-def _planned(job: Job, moments: _Moments, plan_of: Callable[[Camera, Pose], Plan]) -> _Planned:
-    """Return the modes and plans of each state of the world, whose captures are shared."""
-    plans_of: dict[tuple[str, tuple[str, ...]], list[list[Plan]]] = {}
-    for instant, views, modes in moments:
-        plans = [plan_of(camera, pose) for camera, pose in views]
-        plans_of.setdefault((instant.state, modes), []).append(plans)
-    planned: _Planned = []
-    exposures: _Planned = []
-    for (_, captured), of_state in plans_of.items():
-        modes = job.options.sampled(captured)
-        planned.append((modes, of_state))
-        if "lit" in modes:
-            exposures.append((("lit",), of_state))
-    return planned + exposures * max(0, len(job.brackets) - 1)
-
-
-def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
-    """Return the seconds that a capture takes; 0 for a recording, which captures nothing."""
-    if source.recorded_views() is not None:
-        return 0.0
-    can = source.capabilities
-    fov_deg = can.fov_deg or 90.0
-    width, height = can.image_size or (edge, edge)
-    requests = []
-    for turn in range(_PROBES):
-        view = View(Pose.from_angles((0, 0, 1.5), yaw_deg=turn), fov_deg, width, height)
-        requests.append(Request(view, "lit", source.state))
-    list(source.capture(requests[:1]))  # the first one sets size and field of view
-    started = time.perf_counter()
-    for request in requests:  # one at a time: a source reads ahead
-        list(source.capture([request]))
-    return (time.perf_counter() - started) / _PROBES

@@ -22,7 +22,6 @@ from omniscv.planning.rays import ImageRays
 from omniscv.planning.rounds import pixels_of
 from omniscv.planning.viewpoints import SAME_M
 from omniscv.planning.views import PIXELS_PER_REQUEST
-from omniscv.render_options import Price
 from omniscv.sources.base import Request
 
 _MARKED = 0.03
@@ -138,7 +137,7 @@ class Cost:
         requests: captures.
         most: captures that they may become, where what is seen decides.
         pixels: captured, over all modes.
-        seconds: by the price of captures.
+        seconds: as they were measured; None if nothing was.
         marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
             where the options have optical centres shared, which nothing is known of.
         traced: modes that are not captured: they come by rays.
@@ -147,10 +146,10 @@ class Cost:
     way: str
     requests: int
     pixels: int
-    seconds: float
     most: int = 0
     marked: float = 0.0
     traced: tuple[str, ...] = ()
+    seconds: float | None = None
 
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
@@ -158,7 +157,7 @@ class Cost:
             self,
             requests=self.requests + other.requests,
             pixels=self.pixels + other.pixels,
-            seconds=self.seconds + other.seconds,
+            seconds=_sum(self.seconds, other.seconds),
             most=self.most + other.most,
             marked=max(self.marked, other.marked),
             traced=self.traced or other.traced,
@@ -171,8 +170,13 @@ class Cost:
             requests=round(factor * self.requests),
             pixels=round(factor * self.pixels),
             most=round(factor * self.most),
-            seconds=factor * self.seconds,
+            seconds=None if self.seconds is None else factor * self.seconds,
         )
+
+
+def _sum(seconds: float | None, other: float | None) -> float | None:
+    """Return the sum of seconds; None if some are not known."""
+    return None if seconds is None or other is None else seconds + other
 
 
 def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **changes: Any) -> Cost:
@@ -188,13 +192,11 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     Raises:
         ArgumentError: the source cannot do what the strategy needs.
     """
-    total = Cost(way, 0, 0, 0.0)
-    price = Price(0, 0)
+    total = Cost(way, 0, 0)
     shared: dict[Request, None] = {}
     apart: dict[ImageRays, dict[tuple[Any, ...], Plan]] = defaultdict(dict)
     for plans in frames:
         changed = [replace(plan.by(**changes), modes=tuple(modes)).by_rays() for plan in plans]
-        price = Price(*changed[0].options.capture_ms)
         total = replace(total, traced=total.traced or changed[0].by_ray)
         for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
             shared |= plan.requests or plan.make(modes).requests
@@ -209,8 +211,7 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
         planned = list(plans_of_camera.values())[::step]
         alone = reduce(add, [_cost_alone(plan, way) for plan in planned])
         total += alone.times(len(plans_of_camera) / len(planned))
-    total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0, len(shared))
-    return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
+    return total + Cost(way, len(shared), pixels_of(request.view for request in shared), len(shared))
 
 
 def _is_apart(plan: Plan) -> bool:
@@ -220,7 +221,7 @@ def _is_apart(plan: Plan) -> bool:
 
 def _cost_alone(plan: Plan, way: str) -> Cost:
     if not plan.modes:
-        return Cost(way, 0, 0, 0.0)
+        return Cost(way, 0, 0)
     if plan.doubt_share:
         marked = plan.doubt_share
     elif plan.rays.one_center or plan.options.viewpoints is None:
@@ -229,4 +230,4 @@ def _cost_alone(plan: Plan, way: str) -> Cost:
         marked = 1.0
     requests, pixels = get(plan.options.strategy).expected(plan)
     most = requests if plan.doubt_share is None else _BUSY * requests
-    return Cost(way, requests, pixels, 0.0, most, marked)
+    return Cost(way, requests, pixels, most, marked)

@@ -1,6 +1,7 @@
 """How far long work has come, and signals that end it, also where a shell started it with SIGINT ignored."""
 
 import contextlib
+import math
 import re
 import signal
 import subprocess
@@ -18,7 +19,7 @@ from omniscv.cli.console import Display, display
 from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.job import load
 from omniscv.make import run as run_job
-from omniscv.progress import Meter, Progress, without_images
+from omniscv.progress import Meter, Progress, Remaining, without_images
 from omniscv.sources.recording.inspection import info, verify
 
 JOB = """
@@ -83,19 +84,63 @@ def test_without_a_terminal_there_is_a_line_a_minute_or_at_a_bounded_rate(monkey
     assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")
 
 
-def test_what_is_left_follows_from_what_is_done(monkeypatch):
-    clock = iter((0.0, 5.0, 7.5, 20.0))
+def test_what_is_left_is_shown_once_it_is_known(monkeypatch):
+    clock = iter((0.0, 5.0, 7.5, 9.0, 11.0, 13.0, 15.0, 30.0))
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     shown = Display("images")
     assert (shown.fraction, shown.line()) == (0, "images 0/0")
-    shown(Progress(1, 4, 10, 10))
-    assert shown.fraction == 1 / 4
-    assert shown.line().endswith(", 0:15 left")
-    shown(Progress(1, 4, 20, 30))  # half of the captures known of the second image
-    assert shown.fraction == pytest.approx(1.5 / 4)
-    assert shown.line().endswith(", 0:12 left")
-    shown(Progress(4, 4, 90, 90))
+    shown(Progress(1, 10, 10, 10))
+    assert shown.fraction == 1 / 10
+    assert "left" not in shown.line(), "one image may have taken what is made once"
+    shown(Progress(1, 10, 20, 30))  # half of the captures known of the second image
+    assert shown.fraction == pytest.approx(1.5 / 10)
+    shown(Progress(2, 10, 30, 30))
+    assert "left" not in shown.line()
+    for images in (3, 4, 5):
+        shown(Progress(images, 10, 10 * images, 10 * images))
+    assert shown.line().endswith(", 0:10 left")
+    shown(Progress(10, 10, 90, 90))
     assert shown.line().endswith(", 0:00 left")
+
+
+RUNS = {
+    "alike": (5, [1.0] * 50),
+    "a long start": (40, [0.2] * 500),
+    "a slow first image": (5, [30, *[1.0] * 99]),
+    "four at a time": (3, [4.0 if number % 4 == 0 else 0.01 for number in range(80)]),
+    "kept ones first": (1, [*[0.001] * 5, *[2.0] * 95]),
+    "uneven": (2, [1 + 0.7 * math.sin(2.4 * number) for number in range(60)]),
+}
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_what_is_left_is_within_half_from_a_tenth_of_a_run_on_or_not_shown(run):
+    start_s, images_s = RUNS[run]
+    whole_s = start_s + sum(images_s)
+    remaining = Remaining()
+    now_s = start_s
+    shown = 0
+    for number, image_s in enumerate(images_s, start=1):
+        now_s += image_s
+        remaining.note(Progress(number, len(images_s), 6 * number, 6 * number), now_s)
+        left_s = remaining.seconds(now_s)
+        if now_s < whole_s / 10 or number == len(images_s) or left_s is None:
+            continue
+        shown += 1
+        each_s = max(images_s[1:])  # the image in progress may be nearly done
+        assert left_s <= 1.5 * (whole_s - now_s) + each_s
+        assert left_s >= (whole_s - now_s) / 1.5 - each_s
+    assert shown > 0.3 * len(images_s)
+
+
+def test_what_is_left_of_one_image_follows_from_its_captures_after_the_first():
+    remaining = Remaining()
+    for captures in range(1, 19):
+        seconds = 20.0 + 5 * captures  # twenty seconds of opening, and of what is compiled
+        remaining.note(Progress(0, 1, captures, 18), seconds)
+        left_s = remaining.seconds(seconds)
+        assert left_s in (None, pytest.approx(5 * (18 - captures)))
+    assert left_s == 0
 
 
 def test_parts_add_up_from_any_number_of_threads():
