@@ -48,7 +48,7 @@ class Renderer:
         sampler: samples captures along rays.
 
     Raises:
-        ArgumentError: no source.
+        ArgumentError: no source, or one of rays with two numberings of its objects.
     """
 
     def __init__(
@@ -61,6 +61,7 @@ class Renderer:
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
+        source.require_one_numbering()
         captures_bytes = cache_bytes // _CAPTURES_DIVISOR
         self.source = source
         self._sampler = sampler

@@ -40,6 +40,9 @@ def check(job: Job) -> Contents:
     contents."""
     planning.get(job.options.strategy)
     check_format(job.image_format, job.store, job.depth_format)
+    if job.record is not None and job.options.color_rays not in ("auto", 0):
+        expected = "expected auto or 0 beside record, since a recording holds no rays"
+        raise ArgumentError(f"color_rays: {expected}; got {job.options.color_rays}")
     return Contents.of(job)
 
 
@@ -202,16 +205,17 @@ def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequ
                 truth.check(source, geometry, modes, truth.read_options(options))
     check_face_size(job, source)
     if job.poses:
-        _check_accuracy(job, renderer, modes)
+        _check_plans(job, renderer, modes)
     if source.recorded_views() is not None:
         _check_recorded(job, renderer, planned)
 
 
-def _check_accuracy(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> None:
-    """Refuse an accuracy of no use, and budgets below what the first captures of an image take."""
+def _check_plans(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> None:
+    """Refuse an accuracy of no use, budgets below what the first captures of an image take, and colours by
+    rays that the source or the strategy does not have."""
     options = job.options
     has_budget = options.most_captures is not None or options.most_megapixels is not None
-    if not has_budget and options.accuracy is None:
+    if not has_budget and options.accuracy is None and options.color_rays in ("auto", 0):
         return
     for name, camera in job.cameras.items():
         pose = job.own_poses.get(name, job.poses)[0]

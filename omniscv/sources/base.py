@@ -122,6 +122,24 @@ class Source(ABC):
     def objects(self) -> ObjectTable:
         """Return the objects of the scene, and how masks show them."""
 
+    def require_one_numbering(self) -> None:
+        """Refuse a source of rays whose masks number objects otherwise than its rays do: by labels.
+
+        ArgumentError: an instance id is not the object's label, its rank among the names in sorted order.
+        """
+        if not self.capabilities.traces:
+            return
+        table = self.objects()
+        for name, number in table.ids.items():
+            label = table.label(name)
+            if number != label:
+                expected = (
+                    "expected ids that count the names in sorted order from 1 of a source that traces rays"
+                )
+                raise ArgumentError(
+                    f"source: {expected}, got {number} for {shown(name)}, whose label is {label}"
+                )
+
     def stated(self, capture: Capture) -> Capture:
         """Return one of its captures with what the capabilities say of it in its provenance."""
         can = self.capabilities

@@ -180,6 +180,11 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
     if not isinstance(source, Source):
         expected = f"expected it to return a Source for {shown(text)}"
         raise ArgumentError(f"{scheme}: {expected}, got {shown(source)}")
+    try:
+        source.require_one_numbering()
+    except ArgumentError:
+        source.close()
+        raise
     return source if transfer is None else _WithTransfer(source, transfer)
 
 

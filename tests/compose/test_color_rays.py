@@ -8,7 +8,9 @@ import pytest
 import omniscv
 from mock_server import load_scene
 from omniscv import light
+from omniscv.compose.light_checks import BITS
 from omniscv.errors import ArgumentError
+from omniscv.sensor import Sensor
 from omniscv.sources.base import SourceWrapper
 from omniscv.testing import contracts
 
@@ -141,6 +143,35 @@ def test_means_are_of_light(transfer, room):
     if transfer == "srgb":
         plain = omniscv.render(RING, POSE, room, ("lit",))
         assert (plain.lit < image.lit)[inside].mean() > 0.02  # a mean of light is brighter than one of codes
+
+
+class Brighter(SourceWrapper):
+    """A room of half as much light again: what is brighter than a code of 255 is cut there."""
+
+    def shade(self, origins_w, directions_w):
+        return np.minimum(1.5 * self._source.shade(origins_w, directions_w), 1)
+
+
+def test_pixels_of_which_a_ray_is_clipped_are_marked(room):
+    """A mean of clipped codes looks like any other colour."""
+    image = omniscv.render(RING, POSE, Brighter(room), ("lit",), checks="light")
+    shades, inside = shades_of(RING, 2)
+    clipped = (np.round(np.minimum(1.5 * 255 * shades, 255)) >= 255).any(axis=(0, 3))
+    marked = (image["light"] & BITS["clipped"]) > 0
+    assert 0.05 < clipped[inside].mean() < 0.95
+    assert np.array_equal(marked[inside], clipped[inside])
+
+
+def test_a_sensor_exposes_the_mean_light_of_a_pixel_s_rays():
+    """Floating-point light is exposed as it is: a longer exposure saturates what is bright in the mean."""
+    sensor = Sensor(electrons=1e12, full_well=1e12).exposed(2)  # shot noise is below a code
+    with omniscv.open_source("scene://four-wall?lit=float32") as source:
+        image = omniscv.render(RING, POSE, source, ("lit",))
+    shades, inside = shades_of(RING, 2)
+    expected = sensor.expose(shades.mean(axis=0).astype(np.float32))
+    codes = sensor.expose(image.lit)
+    assert np.abs(codes.astype(int) - expected)[inside].max() <= 1  # float32 beside a half
+    assert 0.05 < (expected[inside] == 4095).mean() < 0.95
 
 
 def test_centres_behind_a_wall_are_marked_beside_shaded_colours(room):

@@ -91,8 +91,25 @@ def test_each_command_refuses_a_later_world_before_the_first_capture(omniscv, tm
             {"accuracy": "1%", "most_megapixels": 0.01, "strategy": "auto", "face_size": "auto"},
             "worlds.kitchen: most_megapixels: expected at least",
         ),
+        pytest.param(
+            {"color_rays": 4, "strategy": "cube", "modes": ["lit"]},
+            "worlds.kitchen: color_rays: expected auto, 0, or strategy 'auto' or 'exact'",
+            marks=pytest.mark.rays,
+        ),
+        (
+            {"color_rays": 4, "record": "room.sqlite"},
+            "worlds.kitchen: color_rays: expected auto or 0 beside record",
+        ),
     ],
-    ids=["sky of another world", "sky misspelt", "sky without masks", "captures", "megapixels"],
+    ids=[
+        "sky of another world",
+        "sky misspelt",
+        "sky without masks",
+        "captures",
+        "megapixels",
+        "rays of cubes",
+        "rays recorded",
+    ],
 )
 def test_options_of_images_are_checked_by_world(keys, says, omniscv, tmp_path):
     worlds = {"kitchen": WORLDS["kitchen"], "shop": {"source": "scene://open"}}

@@ -5,12 +5,15 @@ import pytest
 from PIL import Image
 
 import omniscv
+from mock_server import load_scene
 from omniscv.cameras import create
 from omniscv.cli import run
+from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError, NotARecordingError, SourceError
 from omniscv.geometry import Pose
-from omniscv.sources import registry
+from omniscv.sources import ObjectTable, registry
 from omniscv.sources.registry import split_address
+from omniscv.sources.scene import SceneSource
 
 
 @pytest.fixture(autouse=True)
@@ -46,6 +49,24 @@ def test_what_is_no_address_is_one_clear_sentence(address):
     assert "\n" not in str(error.value)
 
 
+class TwiceNumbered(SceneSource):
+    """A source of rays whose masks number objects in another order than its labels do."""
+
+    def objects(self):
+        names = super().objects().names()
+        return ObjectTable({}, ids={name: len(names) - rank for rank, name in enumerate(names)})
+
+
+@pytest.mark.rays
+def test_a_source_of_rays_with_two_numberings_is_refused_when_it_is_opened_and_when_it_is_rendered():
+    registry.register("twice", lambda address: TwiceNumbered(load_scene("four-wall"), masks="ids"))
+    says = "source: expected ids that count the names in sorted order from 1 .* whose label is"
+    with pytest.raises(ArgumentError, match=says):
+        omniscv.open_source("twice://")
+    with pytest.raises(ArgumentError, match=says):
+        Renderer(TwiceNumbered(load_scene("four-wall"), masks="ids"))
+
+
 def test_what_is_no_recording_is_one_clear_sentence(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing " * 100)
     for name, says in (("", "a folder"), ("none.sqlite", "nothing there"), ("notes.txt", "not a database")):
@@ -61,9 +82,11 @@ def test_a_picture_is_named_with_the_command_that_makes_a_recording_of_it(name, 
     """The command as it is printed, and then the one that was refused, of the recording."""
     file = tmp_path / name
     Image.new("RGB", (64, 32), (200, 90, 30)).save(file, PICTURES[name])
-    with pytest.raises(NotARecordingError, match=f"got a {PICTURES[name]} picture; write omniscv") as refused:
+    with pytest.raises(
+        NotARecordingError, match=f"got a {PICTURES[name]} picture; write 'omniscv"
+    ) as refused:
         omniscv.open_source(file)
-    words = refused.value.reason.split("write omniscv ")[1].split(", and")[0].split()
+    words = refused.value.reason.split("write 'omniscv ")[1].split("', and")[0].split()
     words[words.index(f"{file.stem}.sqlite")] = str(tmp_path / "made.sqlite")
     assert run(words) == 0
     with omniscv.open_source(tmp_path / "made.sqlite") as source:
