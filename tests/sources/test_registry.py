@@ -11,7 +11,7 @@ from omniscv.cli import run
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError, NotARecordingError, SourceError
 from omniscv.geometry import Pose
-from omniscv.sources import ObjectTable, registry
+from omniscv.sources import Capabilities, ObjectTable, registry
 from omniscv.sources.registry import split_address
 from omniscv.sources.scene import SceneSource
 
@@ -59,12 +59,13 @@ class TwiceNumbered(SceneSource):
 
 @pytest.mark.rays
 def test_a_source_of_rays_with_two_numberings_is_refused_when_it_is_opened_and_when_it_is_rendered():
-    registry.register("twice", lambda address: TwiceNumbered(load_scene("four-wall"), masks="ids"))
+    source = TwiceNumbered(load_scene("four-wall"), Capabilities(traces=True), masks="ids")
+    registry.register("twice", lambda address: source)
     says = "source: expected ids that count the names in sorted order from 1 .* whose label is"
     with pytest.raises(ArgumentError, match=says):
-        omniscv.open_source("twice://")
+        Renderer(source)
     with pytest.raises(ArgumentError, match=says):
-        Renderer(TwiceNumbered(load_scene("four-wall"), masks="ids"))
+        omniscv.open_source("twice://")
 
 
 def test_what_is_no_recording_is_one_clear_sentence(tmp_path):
