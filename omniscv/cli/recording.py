@@ -77,7 +77,7 @@ class _Said:
     mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False
     clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False
     transfer: Annotated[str | None, Option(help="Of 8-bit colours: srgb, linear, film, unknown.")] = None
-    trust_words: Annotated[bool, Option("--trust-words", help="Take poses as said in any case.")] = False
+    trust_words: Annotated[bool, Option("--trust-words", help="Take poses and projections as said.")] = False
 
     def given(self) -> dict[str, Any]:
         """Return the options that are given."""

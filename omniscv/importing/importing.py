@@ -33,7 +33,9 @@ from omniscv.importing.posed_frames import (
     skipped_lines,
 )
 from omniscv.importing.posed_frames import Sequence as PosedSequence
+from omniscv.importing.projections import check_cube, check_panorama
 from omniscv.pictures import foreign
+from omniscv.pictures.forms import Pixels
 from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
 
@@ -42,6 +44,7 @@ _OF_LIGHT = (".exr", ".hdr", ".tif", ".tiff", ".npy", ".hdf5", ".h5")
 """Suffixes of files whose colours may be negative or NaN."""
 _TEXTS = (".txt", ".csv", ".json")
 _WORDS_OF_POSES = ("pose", "traj", "groundtruth", "camera")
+_LOOKED_AT = 3  # panoramas of a folder
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
 Faces = list[tuple[str, Picture, Array, float]]
@@ -87,6 +90,8 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         captures: Callable[[], Iterable[Capture]]
         sequence = sequences.find_sequence(pictures, layout, options)
         if sequence:
+            if not options.trust_words:
+                _check_panoramas(sequence)
             sequence, lines_of_asking = taken(sequence, options.trust_words)
             lines = [*sequence.lines(), *lines_of_asking]
             modes = {*sequence.modes}
@@ -103,6 +108,20 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         if replaced := masks.captures // 2 - count:  # they were read twice
             lines.append(f"{replaced} captures of a view that a later one shows, too: the last one stays")
     return Imported(count, tuple(lines))
+
+
+def _check_panoramas(sequence: PosedSequence) -> None:
+    """Raise ArgumentError for colours that are certainly no panorama; a few pictures are looked at."""
+    frames = []
+    for frame in sequence.frames:
+        is_whole = "lit" not in frame.spheres or not frame.spheres["lit"].is_cropped
+        if frame.lens is None and "lit" in frame.files and is_whole:
+            frames.append(frame)
+    for frame in frames[:: max(1, len(frames) // _LOOKED_AT)][:_LOOKED_AT]:
+        pixels = sequence.picture(frame, "lit").pixels
+        if pixels.shape[1] == 2 * pixels.shape[0]:
+            with within(frame.files["lit"].name):
+                check_panorama(pixels)
 
 
 def _captures_of_faces(pictures: Path, layout: str, options: Options) -> tuple[list[Capture], list[str]]:
@@ -131,7 +150,7 @@ def _check_idle(options: Options, modes: Collection[str], sequence: PosedSequenc
         "poses": (options.poses, sequence),
         "intrinsics": (options.intrinsics, sequence),
         "clip": (options.clip, _has_light(options, sequence)),
-        "trust_words": (options.trust_words, sequence and has_depth),
+        "trust_words": (options.trust_words, has_depth or "lit" in modes),
         "transfer": (options.transfer, "lit" in modes),
         "frame or unit": (options.frame or options.unit, options.poses),
     }
@@ -248,7 +267,7 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
         pictures = [_read_face(file, mode, options) for file in files[mode]]
         _check_square(pictures)
         if choice is None:
-            choice = _choice(fitting, pictures, name)
+            choice = _choice(fitting, pictures, name, mode, options)
         order = next(order for layout, order in fitting if layout is choice.layout)
         if not lines:
             lines = choice.lines([stems[i] for i in order])
@@ -256,13 +275,21 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
     return faces, [*lines, *layer_lines(layers)]
 
 
-def _choice(fitting: Sequence[tuple[Layout, list[int]]], pictures: Sequence[Picture], name: str) -> Choice:
+def _choice(
+    fitting: Sequence[tuple[Layout, list[int]]],
+    pictures: Sequence[Picture],
+    name: str,
+    mode: str,
+    options: Options,
+) -> Choice:
     """Return the reading of pictures whose edges fit.
 
     Args:
         fitting: layouts that the names of files allow, each with the indices of pictures in its order.
         pictures: the six faces, in the order of files.
         name: of a layout, or ``auto``.
+        mode: what the pictures show.
+        options: of the user.
     """
     readings = []
     for layout, order in fitting:
@@ -270,7 +297,30 @@ def _choice(fitting: Sequence[tuple[Layout, list[int]]], pictures: Sequence[Pict
         for i in order:
             pixels.append(pictures[i].pixels)
         readings.append((layout, pixels))
-    return choose(readings, is_given=name != "auto")
+    return _checked_choice(readings, name, mode, options)
+
+
+def _checked_choice(
+    readings: Sequence[tuple[Layout, Sequence[Pixels]]], name: str, mode: str, options: Options
+) -> Choice:
+    """Return the reading whose edges fit; ArgumentError for none, or for no plain cube.
+
+    Args:
+        readings: layouts that names or shape allow, each with the pictures in its order.
+        name: of a layout, or ``auto``.
+        mode: what the pictures show.
+        options: of the user.
+    """
+    is_asked = mode == "lit" and not options.trust_words
+    try:
+        choice = choose(readings, is_given=name != "auto")
+    except ArgumentError:
+        for layout, pixels in readings if is_asked else ():
+            check_cube(pixels, layout.arrangement)  # it has a better reason
+        raise
+    if is_asked and not choice.layout.centered:
+        check_cube(choice.pictures, choice.arrangement)
+    return choice
 
 
 def _files_by_mode(folder: Path, options: Options) -> tuple[dict[str, list[Path]], list[foreign.Parts]]:
@@ -374,7 +424,7 @@ def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, l
     if not readings:
         actual = f"{picture.pixels.shape[1]} x {picture.pixels.shape[0]} px"
         raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {actual}")
-    choice = choose(readings, is_given=name != "auto")
+    choice = _checked_choice(readings, name, mode, options)
     lines = choice.lines([f"face {i}" for i in range(1, 7)])
     faces = _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures])
     parts = foreign.parts_of(file) if mode == "lit" else foreign.Parts()

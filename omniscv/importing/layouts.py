@@ -149,7 +149,7 @@ class FaceArranger:
     """Arranges six pictures (s, s, 3) of any type as the faces of a cube, by the steps across their edges."""
 
     def __init__(self, pictures: Sequence[Pixels]) -> None:
-        sides = np.stack([_sides(_grey_levels(picture)) for picture in pictures])
+        sides = np.stack([_sides(grey_levels(picture)) for picture in pictures])
         # The face with the most texture stays in front: a plain one would fit in every turn.
         self._order = np.argsort(-sides.std(axis=2).sum(axis=(1, 2)), kind="stable")
         lines = sides.reshape(-1, _SAMPLES, 3)
@@ -161,7 +161,7 @@ class FaceArranger:
         """Return the mean step across the twelve edges, grey levels."""
         picture_of = {face.row: picture for picture, face in enumerate(arrangement)}
         total = 0.0
-        for (a, side_a), (b, side_b) in _edges():
+        for (a, side_a), (b, side_b) in edges():
             picture_a = picture_of[a]
             picture_b = picture_of[b]
             line_a = 4 * picture_a + (side_a + arrangement[picture_a].quarters) % 4
@@ -178,7 +178,7 @@ class FaceArranger:
         orders, turns = _all()
         pictures = self._order[orders]
         steps = np.zeros((len(pictures), len(turns)))
-        for (a, side_a), (b, side_b) in _edges():
+        for (a, side_a), (b, side_b) in edges():
             line_a = 4 * pictures[:, a, None] + (side_a + turns[None, :, a]) % 4
             line_b = 4 * pictures[:, b, None] + (side_b + turns[None, :, b]) % 4
             steps += self._steps[line_a, line_b] / 12
@@ -332,7 +332,7 @@ def _bytes_of(whole: Array) -> bytes:
     return np.round(whole).astype(int).tobytes()
 
 
-def _grey_levels(picture: Pixels) -> Array:
+def grey_levels(picture: Pixels) -> Array:
     """(H, W, 3) 0 to 255, of colours of any type; of depth (H, W) its inverse, of ids their low bytes."""
     if picture.ndim == 2:
         is_depth = picture.dtype.kind == "f"
@@ -354,7 +354,7 @@ def _sides(picture: Array) -> Array:
 
 
 @cache
-def _edges() -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
+def edges() -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
     """The twelve edges of the cube: row and side (top, right, bottom, left) of both faces."""
     sides = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])
     places: dict[bytes, list[tuple[int, int]]] = {}

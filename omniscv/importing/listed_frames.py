@@ -2,7 +2,7 @@
 
 import json
 import unicodedata
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from itertools import starmap
 from pathlib import Path
@@ -28,6 +28,7 @@ from omniscv.importing.posed_frames import (
     with_layers,
 )
 from omniscv.pictures import foreign
+from omniscv.pictures.photo_sphere import PhotoSphere, read_photo_sphere
 from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, named_file, read_bytes
 
 _DOWN = np.array([0.0, 0, -1])  # the axis y of a camera that turns by yaw alone, world frame
@@ -323,7 +324,10 @@ def is_panoramas(path: Path) -> bool:
         mode, _ = mode_of(file, path)
         if mode in ("lit", "object_mask"):
             width, height = size_of(file, mode)
-            return width == 2 * height
+            if width == 2 * height:
+                return True
+            with within(file.name):
+                return read_photo_sphere(file) is not None
     return False
 
 
@@ -361,14 +365,64 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         files, parts = with_layers(files)
         layers.append(parts)
         pose = pose_of_place(options, axes.frame, files, path, words)
+        spheres = {} if lens else _spheres(files)
+        if "lit" in spheres and spheres["lit"].is_posed:
+            pose = _turned(pose, spheres["lit"], options)
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
-        frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
+        holds = {"depth": Files(kind="planar" if lens else "ray")}
+        frames.append(Frame(files, pose, lens, holds, spheres=spheres))
     says = [] if lens else ["resampled to six faces"]
+    says += _lines_of_spheres(frames, options)
     if axes.line:
         says.append(axes.line)
     says += layer_lines(layers)
     poses = words_of(columns_in(options), axes.frame, options.unit)
     return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses, refused=axes.refused)
+
+
+def _spheres(files: Mapping[str, Path]) -> dict[str, PhotoSphere]:
+    """Return by mode what the pictures of a place say of their sphere: of depth and masks as of colours.
+
+    Pictures of other modes that say nothing, and have another shape than the colours, are whole.
+    """
+    spheres: dict[str, PhotoSphere] = {}
+    if "lit" not in files:
+        return spheres
+    with within(files["lit"].name):
+        sphere = read_photo_sphere(files["lit"])
+    if sphere is None:
+        return spheres
+    width, height = size_of(files["lit"])
+    for mode, file in files.items():
+        own_width, own_height = size_of(file, mode) if sphere.is_cropped else (width, height)
+        if own_width * height == own_height * width:
+            spheres[mode] = sphere
+    return spheres
+
+
+def _turned(pose: Pose, sphere: PhotoSphere, options: Options) -> Pose:
+    """Return the pose of a panorama as it says that its camera was held; what the user says comes first."""
+    if options.poses:
+        return pose
+    yaw_deg, pitch_deg, roll_deg = sphere.angles_deg
+    if options.yaw_deg is not None:
+        yaw_deg = options.yaw_deg
+    return Pose.from_angles(pose.position, yaw_deg, pitch_deg, roll_deg)
+
+
+def _lines_of_spheres(frames: list[Frame], options: Options) -> Iterator[str]:
+    """Yield what was done by what panoramas say of their sphere, for people."""
+    spheres = [frame.spheres["lit"] for frame in frames if "lit" in frame.spheres]
+    posed = sum(sphere.is_posed for sphere in spheres)
+    if posed and options.poses:
+        yield f"{posed} pictures say how they were held: --poses comes first"
+    elif posed:
+        heading = "north is +X" if options.yaw_deg is None else "--yaw comes before their heading"
+        yield f"{posed} pictures turned as they say they were held (Photo Sphere; {heading})"
+    shares = [sphere.share for sphere in spheres if sphere.is_cropped]
+    if shares:
+        shown_share = f"{100 * min(shares):.3g} % or more of their spheres"
+        yield f"{len(shares)} pictures show {shown_share}; elsewhere they are black, without label or surface"
 
 
 def _check_panoramas(options: Options, place_count: int, has_lens: bool) -> None:

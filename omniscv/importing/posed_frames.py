@@ -22,6 +22,7 @@ from omniscv.importing.lenses import Pinhole, Wide, straight, to_faces
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.pictures import foreign
 from omniscv.pictures.forms import Pixels
+from omniscv.pictures.photo_sphere import PhotoSphere
 from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
@@ -43,6 +44,7 @@ _NUMBERED = re.compile(rf"({'|'.join(sorted(set().union(*MODE_WORDS.values())))}
 
 _THUMBNAILS = ("@eadir", "#recycle", "#snapshot", "__macosx", "thumbnails", "thumbs")
 """Folders beside pictures, in lower case, that are no pictures of the user: of NAS, archives and viewers."""
+_VIDEOS = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".insv", ".360", ".m4v")
 _RGBA = re.compile(r"\(\d{1,3}(, ?\d{1,3}){2,3}\)")
 _MOST_NAMES = 4  # in a line
 _FRONT = cube_rotations()[0][1]
@@ -155,7 +157,7 @@ class Files:
 class Frame:
     """Pictures from one pose: files, and what they hold, by mode; of panoramas without ``lens``; black where
     ``mask`` is 0, without label and surface. ``names`` is the list of its own objects, where each frame has
-    one.
+    one. ``spheres`` has by mode which part of a sphere a panorama shows, if its file says that.
     """
 
     files: dict[str, Path]
@@ -164,6 +166,7 @@ class Frame:
     holds: Mapping[str, Files]
     mask: Path | None = None
     names: Path | None = None
+    spheres: Mapping[str, PhotoSphere] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -224,6 +227,8 @@ class Sequence:
         with within(file.name):
             if mode == "object_mask":
                 picture = self._named(_of_ids(picture, holds), frame, file)
+            if mode in frame.spheres:
+                picture = _on_sphere(picture, mode, frame.spheres[mode])
             return _masked(picture, mode, frame.mask) if frame.mask else picture
 
     def _named(self, picture: Picture, frame: Frame, file: Path) -> Picture:
@@ -301,6 +306,16 @@ def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture
     options.clipped[mode, str(file)] = picture.clipped
     options.said[mode, str(file)] = picture.lines
     return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
+
+
+def _on_sphere(picture: Picture, mode: str, sphere: PhotoSphere) -> Picture:
+    """Return the whole panorama of a crop: black elsewhere, without label or surface."""
+    if not sphere.is_cropped:
+        return picture
+    pixels, is_shown = sphere.whole(picture.pixels)
+    if mode == "depth":
+        pixels[~is_shown] = np.inf
+    return picture.converted(pixels)
 
 
 def _masked(picture: Picture, mode: str, file: Path) -> Picture:
@@ -462,6 +477,10 @@ def pictures_in(path: Path, options: Options | None = None) -> list[Path]:
     """
     files = files_in(path, options) if path.is_dir() else [path]
     pictures = only_pictures(files)
+    videos = [file.name for file in files if file.suffix.lower() in _VIDEOS]
+    if videos and not pictures:
+        advice = f"ffmpeg -i {videos[0]} -vf fps=2 frames/%05d.png takes pictures out of it"
+        raise ArgumentError(f"expected pictures, got a video, {shown(videos[0])}; {advice}")
     if not pictures:
         others = ", ".join(shown(file.name) for file in files[:8])
         actual = f"none; cannot read {others}" if others else "none"
