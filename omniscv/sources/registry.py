@@ -42,6 +42,7 @@ _openers: dict[str, Opener | str] = {
     "scene": "omniscv.sources.scene:open_scene",
     "blender": "omniscv.sources.blender.source:open_blender",
     "mujoco": "omniscv.sources.mujoco:open_mujoco",
+    "mesh": "omniscv.sources.mesh:open_mesh",
     **dict.fromkeys(storage.SCHEMES, _RECORDING),
 }
 """By scheme; ``module:function`` is imported when the scheme is opened first."""
@@ -146,8 +147,9 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
             options behind a question mark (``mock://four-wall?latency_ms=5&depth=float32``;
             ``dialect=0.3.10&size=512x512``; ``fault=delay=0.2@0.05``, repeatable, and their ``seed``);
             ``scene://four-wall``, a scene traced in this process; ``blender://SCENE.blend?samples=64``, a
-            scene that Blender renders; an address of a registered scheme; the path of a recording, or its URL
-            in a store, ``s3://bucket/room.sqlite``, from which it is fetched once into the local cache.
+            scene that Blender renders; ``mesh://room.glb?unit=cm``, triangles of a file; an address of a
+            registered scheme; the path of a recording, or its URL in a store,
+            ``s3://bucket/room.sqlite``, from which it is fetched once into the local cache.
         options: see :class:`SourceOptions`.
 
     Raises:

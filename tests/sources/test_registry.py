@@ -25,7 +25,7 @@ WRONG = {
     "localhost:9000": r"expected an address or a recording, got 'localhost:9000'; write unreal://localhost:9000",
     "192.168.0.7:9000": "write unreal://192.168.0.7:9000",
     "[::1]:9000": r"write unreal://\[::1\]:9000",
-    "http://localhost": r"expected blender://, .*launch:, mock://, .*scene://.*, unreal\+unix://.*got 'http://localhost'",
+    "http://localhost": r"expected blender://, .*launch:, .*mock://, .*scene://.*, unreal\+unix://.*got 'http://localhost'",
     "": "expected an address or the path of a recording, got ''",
     "unreal://": "expected unreal://host:port",
     "unreal://host:nine": "expected unreal://host:port",
@@ -138,5 +138,5 @@ def test_an_entry_point_that_is_gone_is_one_clear_sentence(tmp_path, monkeypatch
     assert {"gone", "mock", "unreal"} <= set(omniscv.sources.schemes())
     with pytest.raises(SourceError, match=r"gone://x: expected the entry point 'json:removed'"):
         omniscv.open_source("gone://x")
-    with pytest.raises(ArgumentError, match=r"expected blender://, (\S+, )*gone://, launch:, mock://"):
+    with pytest.raises(ArgumentError, match=r"expected blender://, (\S+, )*gone://, launch:, .*mock://"):
         omniscv.open_source("mits://x")

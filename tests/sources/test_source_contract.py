@@ -73,6 +73,14 @@ SOURCES = {
 if (mujoco := find_spec("mujoco")) and mujoco.origin:  # not the folder of its tests
     ROOM = Path(__file__).parent / "mujoco" / "four-wall.xml"
     SOURCES["mujoco"] = lambda path: omniscv.open_source(f"mujoco://{ROOM}")
+if find_spec("embreex"):
+    from support.meshes import write_room
+
+    def mesh(path):
+        write_room(path.with_name("four-wall.glb"))
+        return omniscv.open_source(f"mesh://{path.with_name('four-wall.glb')}")
+
+    SOURCES["mesh"] = mesh
 if blender.found():
     SOURCES["blender"] = lambda path: omniscv.open_source(blender.address("four-wall"))
 

@@ -3,6 +3,7 @@
 import copy
 from contextlib import contextmanager
 from functools import partial
+from importlib.util import find_spec
 from typing import Any
 from unittest import mock
 
@@ -20,6 +21,8 @@ from omniscv.importing import overlap
 from omniscv.planning import ImageRays
 from omniscv.sensor import Sensor
 from omniscv.sources.base import Request, View
+from omniscv.sources.mesh.materials import Material, Skin, Texture, palette, shades
+from omniscv.sources.mesh.tracing import Tracer
 from omniscv.truth.spherical_fit import bfov
 
 MODES = ("lit", "object_mask", "depth", "normals")
@@ -137,7 +140,25 @@ def _use_others() -> None:
     motion = np.eye(3, 4)[None] + 0.01 * generator.normal(size=(1, 3, 4))
     lenses = np.array([[20.0, 20.0, 16.0, 12.0]] * 2)
     how = (False, 0.3, 0.0, 1.0, 1.0, 0.0, 0.0)
+    if find_spec("embreex"):
+        _use_mesh(generator)
     overlap.agreement(points, motion, np.array([[0, 1]]), lenses, depth, depth.copy(), how, np.zeros((1, 2)))
+
+
+def _use_mesh(generator: np.random.Generator) -> None:
+    """Trace and shade a pile of triangles, of which some have holes."""
+    vertices = generator.normal(size=(300, 3))
+    faces = np.arange(300, dtype=np.int32).reshape(-1, 3)
+    tracer = Tracer(vertices, faces, np.arange(100) % 2 == 0)
+    rays = generator.normal(size=(500, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    hits = tracer.trace(np.zeros(3), rays)
+    tracer.beyond(np.zeros(3), rays, hits)
+    material = Material(texture=Texture(generator.integers(0, 256, (4, 4, 4), np.uint8)))
+    skin = Skin(
+        faces, np.zeros(100, np.int32), vertices[:, :2].astype(np.float32), np.ones((300, 4), np.float32)
+    )
+    shades(palette([material], cut_blended=False), skin, hits.face, hits.weights)
 
 
 def _size(value: Any) -> int:
