@@ -1,0 +1,254 @@
+"""Scores of predicted labels: mIoU, mAcc and panoptic quality.
+
+Sources: Everingham and others, The Pascal visual object classes challenge, 2015 (intersection over union of a
+class); Long, Shelhamer and Darrell, Fully convolutional networks, 2015 (mean accuracy); Kirillov and others,
+Panoptic segmentation, 2019 (PQ).
+
+A truth in doubt may be the label of a neighbour. Such pixels are left out of the figures. The interval of an
+IoU lets them have any label that the truth has within one pixel.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omniscv.arguments import shown
+from omniscv.cameras import Camera
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.score.areas import solid_angles
+
+UNKNOWN = 0
+"""A true label of nothing: left out."""
+
+
+@dataclass(frozen=True)
+class LabelMeasures:
+    """Measures with one kind of weights.
+
+    Attributes:
+        miou: mean over the labels of the truth of intersection over union.
+        macc: mean over these of the share of their pixels that are right.
+        accuracy: share of pixels that are right.
+        miou_low, miou_high: what ``miou`` can be by doubtful pixels.
+        iou: by label.
+    """
+
+    miou: float
+    macc: float
+    accuracy: float
+    miou_low: float
+    miou_high: float
+    iou: dict[int, float]
+
+
+@dataclass(frozen=True)
+class LabelScores:
+    """The scores of one picture of labels.
+
+    Attributes:
+        by_pixel, by_solid_angle: the measures.
+        compared: pixels with a true label beyond doubt.
+        in_doubt: pixels whose true label is in doubt: left out.
+    """
+
+    by_pixel: LabelMeasures
+    by_solid_angle: LabelMeasures
+    compared: int
+    in_doubt: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return asdict(self)
+
+
+def labels(
+    predicted: ArrayLike, truth: ArrayLike, camera: Camera, doubt: ArrayLike | None = None
+) -> LabelScores:
+    """Return the scores of predicted labels.
+
+    Args:
+        predicted: (H, W) whole numbers.
+        truth: (H, W) whole numbers, 0 where nothing is known.
+        camera: of both pictures, with one optical centre.
+        doubt: (H, W) bool, pixels whose label may be a neighbour's.
+
+    Raises:
+        ArgumentError: pictures of other sizes than the camera's, no whole numbers, or no label to compare.
+    """
+    shape = (camera.height, camera.width)
+    p = _picture("predicted", predicted, shape)
+    t = _picture("truth", truth, shape)
+    doubtful = np.zeros(shape, np.bool_) if doubt is None else np.asarray(doubt, np.bool_)
+    has_truth = camera.valid() & (t != UNKNOWN)
+    compared = has_truth & ~doubtful
+    if not compared.any():
+        raise ArgumentError("truth: expected a pixel with a label beyond doubt, got none")
+    doubtful = camera.valid() & doubtful
+    return LabelScores(
+        by_pixel=_measures(p, t, compared, doubtful, np.ones(shape)),
+        by_solid_angle=_measures(p, t, compared, doubtful, solid_angles(camera)),
+        compared=int(np.count_nonzero(compared)),
+        in_doubt=int(np.count_nonzero(doubtful & has_truth)),
+    )
+
+
+def _picture(name: str, values: ArrayLike, shape: tuple[int, int]) -> Ints:
+    """Return a picture of labels; ArgumentError with its ``name`` for another one."""
+    detach = getattr(values, "detach", None)
+    array = np.asarray(values if detach is None else detach().cpu())
+    if array.shape == (*shape, 1):
+        array = array[..., 0]
+    if array.shape != shape:
+        expected = f"{name}: expected (H, W) = {shape}, as its camera has"
+        raise ArgumentError(f"{expected}, got an array of shape {shown(array.shape)}")
+    whole = array.astype(np.int64)
+    if array.dtype.kind not in "iub" and not np.array_equal(whole, array):
+        raise ArgumentError(f"{name}: expected whole numbers, got {array.dtype}")
+    return whole
+
+
+def _measures(p: Ints, t: Ints, compared: Mask, doubtful: Mask, weights: Array) -> LabelMeasures:
+    """Return the measures with weights (H, W)."""
+    iou = {}
+    low = []
+    high = []
+    right = []
+    for label in np.unique(t[compared]):
+        of_p = p == label
+        of_t = t == label
+        both = weights[compared & of_p & of_t].sum()
+        either = weights[compared & (of_p | of_t)].sum()
+        can_be = doubtful & _near(of_t)
+        iou[int(label)] = float(both / either)
+        right.append(both / weights[compared & of_t].sum())
+        low.append(both / (either + weights[doubtful & (of_p | can_be)].sum()))
+        won = weights[can_be & of_p].sum()
+        high.append((both + won) / (either + weights[doubtful & of_p].sum()))
+        high[-1] = max(high[-1], both / either)
+    share = weights[compared] / weights[compared].sum()
+    return LabelMeasures(
+        miou=float(np.mean(list(iou.values()))),
+        macc=float(np.mean(right)),
+        accuracy=float(share @ (p == t)[compared]),
+        miou_low=float(np.mean(low)),
+        miou_high=float(np.mean(high)),
+        iou=iou,
+    )
+
+
+def _near(mask: Mask) -> Mask:
+    """Return the pixels within one pixel of a mask's."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)), np.bool_)
+
+
+@dataclass(frozen=True)
+class PanopticScores:
+    """Panoptic quality.
+
+    Attributes:
+        pq: mean over classes of the sum of IoUs of matches over matches and half of what is not matched.
+        sq: mean over classes of the mean IoU of matches.
+        rq: mean over classes of the F1 score of matches.
+        by_class: PQ of each class of either picture.
+    """
+
+    pq: float
+    sq: float
+    rq: float
+    by_class: dict[int, float]
+
+
+def panoptic(
+    predicted: ArrayLike,
+    truth: ArrayLike,
+    predicted_classes: Mapping[int, int],
+    classes: Mapping[int, int],
+    weights: Array | None = None,
+) -> PanopticScores:
+    """Return the panoptic quality of predicted instances.
+
+    Instances of one class match where their IoU is above one half. Pixels without a true instance (0) count
+    for no IoU, and predicted instances that lie there by more than half are no mistakes.
+
+    Args:
+        predicted: (H, W) instance ids; 0: none.
+        truth: (H, W) instance ids; 0: unknown.
+        predicted_classes: class of each predicted instance.
+        classes: class of each true instance.
+        weights: (H, W) of pixels; None: 1.
+
+    Raises:
+        ArgumentError: pictures of different sizes, or an instance without a class.
+    """
+    p = np.asarray(predicted).astype(np.int64)
+    t = np.asarray(truth).astype(np.int64)
+    if p.shape != t.shape:
+        raise ArgumentError(f"predicted: expected a picture of shape {t.shape}, got {p.shape}")
+    pixel_weights = np.ones(p.shape) if weights is None else weights
+    shared = _shared(p, t, pixel_weights)
+    of_p = _sizes(shared, 0)
+    of_t = _sizes(shared, 1)
+    sums: dict[int, list[float]] = {}  # IoU of matches, matches, predicted alone, true alone
+    for instance in {*of_t} - {UNKNOWN}:
+        sums.setdefault(_class_of(instance, classes, "truth"), [0.0, 0.0, 0.0, 0.0])[3] += 1
+    for instance in {*of_p} - {0}:
+        if shared.get((instance, UNKNOWN), 0.0) <= of_p[instance] / 2:
+            of_class = _class_of(instance, predicted_classes, "predicted")
+            sums.setdefault(of_class, [0.0, 0.0, 0.0, 0.0])[2] += 1
+    for (i, j), area in shared.items():
+        if i == 0 or j == UNKNOWN or predicted_classes[i] != classes[j]:
+            continue
+        iou = area / (of_p[i] - shared.get((i, UNKNOWN), 0.0) + of_t[j] - area)
+        if iou > 0.5:
+            row = sums[classes[j]]
+            row[0] += iou
+            row[1] += 1
+            row[2] -= 1
+            row[3] -= 1
+    return _panoptic(sums)
+
+
+def _shared(p: Ints, t: Ints, weights: Array) -> dict[tuple[int, int], float]:
+    """Return the weights that each predicted and each true instance share."""
+    pairs, index = np.unique(np.stack([p.ravel(), t.ravel()]), axis=1, return_inverse=True)
+    areas = np.bincount(index.ravel(), weights.ravel())
+    return {(int(i), int(j)): float(area) for (i, j), area in zip(pairs.T, areas, strict=True)}
+
+
+def _sizes(shared: Mapping[tuple[int, int], float], which: int) -> dict[int, float]:
+    """Return the weight of each instance of one picture."""
+    sizes: dict[int, float] = {}
+    for pair, area in shared.items():
+        sizes[pair[which]] = sizes.get(pair[which], 0.0) + area
+    return sizes
+
+
+def _class_of(instance: int, classes: Mapping[int, int], name: str) -> int:
+    """Return the class of an instance; ArgumentError for none."""
+    if instance not in classes:
+        raise ArgumentError(f"{name}: expected a class of instance {instance}, got none")
+    return classes[instance]
+
+
+def _panoptic(sums: Mapping[int, list[float]]) -> PanopticScores:
+    """Return the means over classes."""
+    by_class = {}
+    qualities = []
+    recognitions = []
+    for of_class, (total, matches, alone, lost) in sums.items():
+        recognition = matches / (matches + alone / 2 + lost / 2) if matches + alone + lost else 0.0
+        quality = total / matches if matches else 0.0
+        by_class[of_class] = quality * recognition
+        qualities.append(quality)
+        recognitions.append(recognition)
+    if not by_class:
+        return PanopticScores(0.0, 0.0, 0.0, {})
+    pq = float(np.mean(list(by_class.values())))
+    return PanopticScores(pq, float(np.mean(qualities)), float(np.mean(recognitions)), by_class)
