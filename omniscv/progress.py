@@ -1,6 +1,8 @@
 """Progress of long work as data: images, and the captures that they are composed of."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import astuple, dataclass, replace
 from operator import add, sub
 from statistics import linear_regression
@@ -104,6 +106,58 @@ def counted(items: Sequence[T], progress: Steps | None) -> Iterator[T]:
         yield item
         if progress:
             progress(done, len(items))
+
+
+PhaseListener = Callable[[str, int, int], None]
+"""A callback, called with the name of a phase of long work, its steps done, and its steps in all, 0 if nobody
+knows; an empty name ends the last phase."""
+_listener: ContextVar[PhaseListener | None] = ContextVar("listener", default=None)
+_current: ContextVar[tuple[str, int]] = ContextVar("current", default=("", 0))
+
+
+@contextmanager
+def listening(listener: PhaseListener) -> Iterator[None]:
+    """Tell a listener the phases of what is done in the context, by its thread."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+@contextmanager
+def phase(name: str, steps: int = 0) -> Iterator[Callable[[int], None]]:
+    """Name a phase of long work, which has no images yet or any more.
+
+    Args:
+        name: such as ``searching places``.
+        steps: of the phase in all; 0 if nobody knows.
+
+    Yields:
+        A function to be called with the number of steps that are done.
+    """
+    listener = _listener.get()
+    if listener is None:
+        yield _ignore
+        return
+    before = _current.set((name, steps))
+    listener(name, 0, steps)
+    try:
+        yield lambda done: listener(name, done, steps)
+    finally:
+        _current.reset(before)
+        outer, of_steps = _current.get()
+        listener(outer, 0, of_steps)
+
+
+def in_phase(name: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield the items of a phase, whose steps they are."""
+    with phase(name, len(items)) as step:
+        yield from counted(items, lambda done, _: step(done))
+
+
+def _ignore(done: int) -> None:
+    """Take the steps of a phase to which nobody listens."""
 
 
 Report = Callable[[Progress], None]

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from omniscv import parallel
+from omniscv.cli import console
 from omniscv.compose.composition import Composing
 from omniscv.planning import Plan
 
@@ -28,6 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("soak" if config.getoption("--soak") else "suite")
+    console.FIRST_LINE_S = console._LINES_ELSEWHERE_S  # lines come with time, which tests do not count
     gc.set_threshold(20_000, 10, 20)  # by default it takes 5 % of the suite
     _share_cores()
 

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from threading import Event, Lock, Thread
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -84,11 +85,16 @@ if TYPE_CHECKING:
     from omniscv.progress import Progress
 
 Style = Literal["bar", "plain", "none"]
-_HELP = "bar, plain (lines for a log) or none; else bar on a terminal, and a line a minute elsewhere."
+_HELP = "bar, plain (lines for a log) or none; else bar on a terminal, and a line now and then elsewhere."
 StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
 """The option of every command that runs long."""
 _LINES_EVERY_S = 5.0  # from line to line of ``--progress plain``
-_LINES_ELSEWHERE_S = 60.0  # the same without a terminal and a style
+_LINES_ELSEWHERE_S = 60.0  # the same without a terminal and a style, once as much time has passed
+FIRST_LINE_S = 2.0
+"""Seconds until the first line without a terminal and a style; the next ones come after longer times."""
+
+
+_LOOKS_EVERY_S = 0.5  # from look to look whether a line is due
 
 
 def line(text: object) -> None:
@@ -151,14 +157,15 @@ class Display:
         what: is counted, such as "images".
         style: of the display.
         every_s: least seconds between lines.
-        from_s: seconds before the first line; the last one is printed if another one was.
+        from_s: seconds before the first line, and after it between lines, which are twice as many each time,
+            up to ``every_s``; the last line is printed if another one was. None: the first line at once.
 
     Attributes:
         note: is shown behind the counts; may be set at any time.
     """
 
     def __init__(
-        self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S, from_s: float = 0.0
+        self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S, from_s: float | None = None
     ) -> None:
         from omniscv.progress import Progress, Remaining
 
@@ -170,8 +177,14 @@ class Display:
         self._now = self._last_image = Progress()  # now, and when the last image was done
         self._style = style
         self._every_s = every_s
-        self._printed_s = from_s - every_s
+        self._due_s = from_s or 0.0
+        self._wait_s = every_s if from_s is None else from_s
         self._printed = ""
+        self._phase = ""
+        self._printing = Lock()
+        self._ended = Event()
+        if style == "plain":
+            Thread(target=self._watch, daemon=True).start()
         if style == "bar":
             from rich import progress
             from rich.console import Console
@@ -192,8 +205,21 @@ class Display:
         self._remaining.note(now, self._seconds)
         if self._style == "bar":
             self._bar.update(self._task, completed=self.fraction, description=self.line())
-        elif self._style == "plain" and self._seconds - self._printed_s >= self._every_s:
-            self._print()
+        elif self._style == "plain":
+            self._print_due(self._seconds)
+
+    def phase(self, name: str, done: int, steps: int) -> None:
+        """Show a phase of the work before and after images, see :func:`omniscv.progress.phase`."""
+        check()
+        self._phase = f"{name} {done}/{steps}" if name and steps else name
+        if self._style == "bar":
+            self._bar.update(self._task, completed=self.fraction, description=self.line())
+
+    def _watch(self) -> None:
+        """Print lines that are due while nothing is reported."""
+        started = time.perf_counter()
+        while not self._ended.wait(_LOOKS_EVERY_S):
+            self._print_due(time.perf_counter() - started)
 
     def steps(self, done: int, total: int) -> None:
         """Show the progress of work that has no captures: ``done`` steps of ``total``."""
@@ -208,10 +234,22 @@ class Display:
 
     def close(self) -> None:
         """End the display."""
+        self._ended.set()
         if self._style == "bar":
             self._bar.stop()
-        elif self._printed:
-            self._print()
+        elif self._printed and self._now.of_images:
+            self._phase = ""
+            with self._printing:
+                self._print()
+
+    def _print_due(self, seconds: float) -> None:
+        """Print the line if it is due ``seconds`` after the start."""
+        with self._printing:
+            is_known = self._phase or self._now.of_images
+            if is_known and seconds >= self._due_s and not self._ended.is_set():
+                self._print()
+                self._due_s = seconds + self._wait_s
+                self._wait_s = min(2 * self._wait_s, self._every_s)
 
     def _print(self) -> None:
         """Print the line, unless it is the last one that was printed."""
@@ -219,7 +257,6 @@ class Display:
         if line != self._printed:
             print(line, file=sys.stderr, flush=True)
         self._printed = line
-        self._printed_s = self._seconds
 
     @property
     def fraction(self) -> float:
@@ -231,6 +268,8 @@ class Display:
     def line(self) -> str:
         """Return ``images 3/12, 345/460 captures, 45.2 MB, 22/s, 1.9 MB/s, 0:41 left``, as far as known."""
         now = self._now
+        if self._phase:
+            return self._phase
         seconds = max(self._seconds, 1e-3)
         parts = [f"{self._what} {now.images}/{now.of_images}"]
         if self.note:
@@ -257,7 +296,7 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
 
     Args:
         what: is counted, such as "images".
-        style: by default a bar if standard error is a terminal, else a line a minute.
+        style: by default a bar if standard error is a terminal, else lines from the second second on.
     """
     if style is not None:
         shown = Display(what, style, _LINES_EVERY_S)
@@ -266,8 +305,10 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
     elif sys.stderr.isatty():
         shown = Display(what, "bar")
     else:
-        shown = Display(what, "plain", _LINES_ELSEWHERE_S, from_s=_LINES_ELSEWHERE_S)
-    with closing(shown):
+        shown = Display(what, "plain", _LINES_ELSEWHERE_S, from_s=FIRST_LINE_S)
+    from omniscv.progress import listening
+
+    with closing(shown), listening(shown.phase):
         yield shown
 
 

@@ -200,6 +200,7 @@ def plan(
         bool, Option("--measure", help="Make two captures of each mode and one image, to measure seconds.")
     ] = False,
     as_json: options.AsJson = False,
+    progress: StyleOption = None,
 ) -> None:
     """List what auto, three accuracies, exact and cube would capture for a job.
 
@@ -213,11 +214,13 @@ def plan(
 
     priced: list[tuple[str, Any]] = []  # the name of a world, and a cost
     is_unchecked = False
-    for world in check_worlds(job.load(), dataset=False).each:
-        if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
-            is_unchecked = True
-        for cost in costs(world, measure=measure):
-            priced.append((world.world, cost))
+    loaded = job.load()
+    with display("worlds", progress):
+        for world in check_worlds(loaded, dataset=False).each:
+            if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
+                is_unchecked = True
+            for cost in costs(world, measure=measure):
+                priced.append((world.world, cost))
     if len({name for name, _ in priced}) > 1:
         priced += [("all worlds", total) for total in _totals(priced)]
     if as_json:
@@ -336,7 +339,8 @@ def _check(file: Path) -> None:
     job = load(file)
     with within(file):
         dataset = bool(job.worlds) or job.recipe != Recipe()
-        known = check_worlds(job, dataset=dataset)
+        with display("worlds"):
+            known = check_worlds(job, dataset=dataset)
     for world in known.each:
         start = f"{file}: worlds.{world.world}" if world.world else file
         cameras = _count(len(world.cameras), "camera")

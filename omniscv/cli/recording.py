@@ -105,6 +105,7 @@ def import_(
 ) -> None:
     """Add pictures that other tools rendered, or an exported folder, to a recording."""
     from omniscv.importing import folders, importing
+    from omniscv.progress import phase
 
     if (pictures / folders.INDEX).exists():
         given = said.given()
@@ -112,7 +113,8 @@ def import_(
             raise ArgumentError(f"{next(iter(given))}: expected none, because {folders.INDEX} says it")
         console.line(f"{file}: {folders.import_folder(pictures, file)} captures")
         return
-    added = importing.import_pictures(pictures, file, layout, **said.given())
+    with display("pictures"), phase("importing"):
+        added = importing.import_pictures(pictures, file, layout, **said.given())
     for line in (*added.lines, f"{file}: {added.captures} captures"):
         console.line(line)
 

@@ -197,6 +197,7 @@ def _examined(
     import numpy as np
 
     from omniscv.diagnostics.doctor import examine_address
+    from omniscv.progress import phase
 
     where = None if position is None else np.array(options.numbers("--position", position))
     words: dict[str, Any] = {}
@@ -205,9 +206,10 @@ def _examined(
     if files.intrinsics is not None:
         words["intrinsics"] = files.intrinsics
     deadlines = waiting.deadlines()
-    findings = examine_address(
-        uri, where, quick, picture=files.picture, layout=files.layout, said=words, **deadlines
-    )
+    with console.display("examining"), phase("examining"):
+        findings = examine_address(
+            uri, where, quick, picture=files.picture, layout=files.layout, said=words, **deadlines
+        )
     if files.report is not None:
         from omniscv.diagnostics.report import write_report
 

@@ -24,6 +24,7 @@ from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, r
 from omniscv.make.source import opened
 from omniscv.planning import Plan
 from omniscv.planning.viewpoints import MEAN_OF_A_FACE
+from omniscv.progress import in_phase
 from omniscv.records import mapping
 from omniscv.sources.base import Request, Source, check_modes, known_objects
 from omniscv.sources.recording.files import target_of
@@ -115,7 +116,7 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] | None 
     _check_out(job)
     worlds = list(job.each)
     planned = list[SharedFrames]()
-    for number, world in enumerate(job.each):
+    for number, world in enumerate(in_phase("checking worlds", job.each)):
         if "launch" in map(scheme_of, world.sources):
             continue
         to_open = opens(world) if opens else replace(world, record=None)
@@ -248,7 +249,7 @@ def check_face_size(job: Job, source: Source) -> None:
 
 def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[SharedFrames]) -> None:
     """Request the first view of images that a recording lacks: its error says what it has."""
-    for shared in planned:
+    for shared in in_phase("looking for captures", planned):
         for instant, views, modes in shared.captured:
             with renderer_at(renderer, instant) as still:
                 recorded = frozenset(still.source.recorded_views() or ())

@@ -9,7 +9,7 @@ however it was made.
 import hashlib
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -52,7 +52,7 @@ from omniscv.make.contents import (
 from omniscv.make.frames import Failures, FrameMaker
 from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, keys_of, with_places
 from omniscv.make.source import open_source, opened, origin_of
-from omniscv.progress import Report
+from omniscv.progress import Report, in_phase, phase
 from omniscv.sources.base import Source
 from omniscv.sources.recording import part_file
 from omniscv.storage import Folder
@@ -263,7 +263,11 @@ def chosen_keys(job: Job, count: int) -> frozenset[str]:
     """Return ``count`` keys of a job's frames: those whose SHA-256 is least."""
     keys: list[str] = []
     for world in job.each:
-        with nullcontext((world, None)) if world.sampling is None else opened(world) as (known, _):
+        poses = getattr(world.sampling, "count", 0)
+        if world.sampling is None or poses:  # their number is known without a search of places
+            keys += keys_of(world, count=poses or len(world.poses))
+            continue
+        with opened(world) as (known, _):
             keys += keys_of(known)
     keys.sort(key=lambda key: hashlib.sha256(key.encode()).digest())
     return frozenset(keys[:count])
@@ -400,11 +404,8 @@ class _PartRun:
             world = with_places(world)
             self.worlds[number] = world
             scene = "/".join(name for name in astuple(live.scene_identity) if name)
-            planned = list(frames_by_instant(world, self._part.poses(world.poses), scene))
             renderer = Renderer(live)
-            check_source(world, contents, renderer, planned)
-            if not self._job.worlds:
-                check_faults(self._job, planned)
+            planned = self._listed_frames(world, scene, contents, renderer)
             if how.replaces and number == 0:
                 replace_dataset(self._folder)
             frames = self._chosen_frames(planned)
@@ -414,7 +415,8 @@ class _PartRun:
             if marked is not None:
                 writer.keep_marked(marked[0])
             writer.refuse(frame.key for frame in self.written)  # of the worlds before
-            missing = writer.missing(frames)
+            with phase("comparing files"):
+                missing = writer.missing(frames)
             self._leave_out_lost(world, frames, missing)
             maker = FrameMaker(
                 world,
@@ -432,6 +434,25 @@ class _PartRun:
             self.written += writer.frames(frame.key for frame in frames if frame.key not in failed)
             self.kept += len(frames) - len(missing)
             self.made += len(missing - failed)
+
+    def _listed_frames(
+        self, world: Job, scene: str, contents: Contents, renderer: Renderer
+    ) -> list[SharedFrames]:
+        """Return the frames of the part in a world, after checks of them and of the source.
+
+        Args:
+            world: with its poses.
+            scene: identity of the source's scene.
+            contents: of the dataset.
+            renderer: of the open source.
+        """
+        with phase("listing frames"):
+            planned = list(frames_by_instant(world, self._part.poses(world.poses), scene))
+        with phase("checking the source"):
+            check_source(world, contents, renderer, planned)
+        if not self._job.worlds:
+            check_faults(self._job, planned)
+        return planned
 
     def _chosen_frames(self, planned: Sequence[SharedFrames]) -> list[Frame]:
         """Return those of planned frames whose keys are chosen, if some are."""
@@ -634,11 +655,12 @@ def _export_all(job: Job, folder: Folder) -> list[str]:
     """Write the exports of a job's dataset; return a line for each of others that could not be renewed."""
     frames = manifest.open(job.out)
     exports = Contents.of(job).exports
-    for export in exports:
+    for export in in_phase("checking exports", exports):
         kinds = [frame.kinds for frame in frames if export.shows(frame.camera_name)]
         if kinds:  # truths may have been left out
             export.check(job.cameras, set.intersection(*kinds))
-    return exported.renew_exports(folder, exports, frames)
+    with phase("writing exports"):
+        return exported.renew_exports(folder, exports, frames)
 
 
 def _listed(folder: Folder) -> list[Frame]:

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import pairwise
@@ -28,6 +28,7 @@ from omniscv.make.instants import InstantViews, SharedFrames, frames_by_instant,
 from omniscv.make.source import opened
 from omniscv.planning import Plan
 from omniscv.planning.sharing import Cost, cost
+from omniscv.progress import in_phase, phase
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, Traced, View
 from omniscv.sources.recording.store import Store
@@ -68,22 +69,26 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     started = time.perf_counter()
     with opened(replace(job, record=None)) as (job, source):
         if measure:
-            pace = measured_pace(job, source, time.perf_counter() - started)
-        groups = list(_grouped(frames_by_instant(job)))
-        planned = []
+            opening_s = time.perf_counter() - started
+            with phase("measuring captures and an image"):
+                pace = measured_pace(job, source, opening_s)
+        with phase("listing frames"):
+            groups = list(_grouped(frames_by_instant(job)))
         plan_of = partial(Renderer(source).plan, options=job.options)
-        for moments, count in groups:
-            planned.append((_plans_of(job, moments, plan_of), count))
-        for way, (strategy, accuracy) in ways.items():
-            with suppress(ArgumentError):
-                by_group = []
-                for plans_of, count in planned:
-                    for modes, plans in plans_of:
+        by_way: dict[str, list[Cost]] = {way: [] for way in ways}
+        for moments, count in in_phase("planning", groups):
+            for modes, plans in _plans_of(job, moments, plan_of):
+                for way in list(by_way):
+                    strategy, accuracy = ways[way]
+                    try:
                         whole = cost(way, plans, modes, strategy=strategy, accuracy=accuracy)
-                        by_group.append(whole.times(count))
-                whole = reduce(add, by_group)
-                seconds = None if pace is None else pace.seconds(whole, len(job))
-                found.append(replace(whole, seconds=seconds))
+                    except ArgumentError:  # the source cannot do it
+                        del by_way[way]
+                        continue
+                    by_way[way].append(whole.times(count))
+        for costs_of_groups in by_way.values():
+            whole = reduce(add, costs_of_groups)
+            found.append(replace(whole, seconds=None if pace is None else pace.seconds(whole, len(job))))
     return found
 
 

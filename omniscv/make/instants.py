@@ -156,11 +156,18 @@ def instants_of(job: Job) -> Iterator[Instant]:
         yield path.instant_at(None if job.times_ns is None else job.times_ns[index], varied)
 
 
-def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
-    """Yield the keys of the frames of a ``job`` at the poses of some ``indices``; at all if not given."""
-    for index in range(len(job.poses)) if indices is None else indices:
+def keys_of(job: Job, indices: Iterable[int] | None = None, count: int | None = None) -> Iterator[str]:
+    """Yield the keys of the frames of a ``job``.
+
+    Args:
+        job: that has them.
+        indices: of the poses; of all if not given.
+        count: of all poses; the job's if not given.
+    """
+    of_poses = len(job.poses) if count is None else count
+    for index in range(of_poses) if indices is None else indices:
         for name in job.cameras:
-            yield _key(job, name, index, len(job.poses))
+            yield _key(job, name, index, of_poses)
 
 
 def check_keys(job: Job) -> None:

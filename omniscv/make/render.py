@@ -33,7 +33,7 @@ from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
 from omniscv.planning.views import FACE_BORDER_PX
-from omniscv.progress import Meter, Progress, Report, without_images
+from omniscv.progress import Meter, Progress, Report, phase, without_images
 from omniscv.sources.base import Capture, Color, Request, Source, SourceWrapper, View
 from omniscv.sources.labels import labels_of
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
@@ -77,7 +77,8 @@ def run(
     if warn is None:
         warn = _ignore
     with opened(job) as (job, source):
-        planned = list(frames_by_instant(job))
+        with phase("listing frames"):
+            planned = list(frames_by_instant(job))
         for key in keys_of(job):
             check_free(out, key)
         renderer = Renderer(source)

@@ -1,7 +1,7 @@
 """The source of a job: opened, recorded, and searched for free space where poses are sampled."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -26,6 +26,7 @@ from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import COMMAND, Draws
 from omniscv.make.own_cameras import with_own_cameras
 from omniscv.planning import RenderOptions
+from omniscv.progress import phase
 from omniscv.sources.base import Source, SourceView
 from omniscv.sources.brackets import bracketed
 from omniscv.sources.described import WithOrigin, described, without_delivery
@@ -113,8 +114,10 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         wanted = "expected one world here; 'omniscv dataset make' makes several"
         raise ArgumentError(f"worlds: {wanted}, got {', '.join(world.world for world in job.worlds)}")
     frozen = job.freeze not in (None, "none") and not job.clock
+    with phase("opening the source"):
+        source = open_source(job, live)
     with (
-        open_source(job, live) as source,
+        source,
         source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,
     ):
         if job.sampling is not None:
@@ -131,7 +134,8 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
 
 def _with_sampled_poses(job: Job, sampling: SampledPoses, source: Source) -> Job:
     """Return a job with poses that are sampled in its open source."""
-    sampled, faults = _sampled(job, sampling, source)
+    with phase("searching places", getattr(sampling, "count", 0)) as step:
+        sampled, faults = _sampled(job, sampling, source, step)
     timed = sampled.later(job.epoch_ns or 0)
     job = replace(
         job,
@@ -231,23 +235,33 @@ def draws_of(job: Job, source: Source) -> Draws:
     return draws
 
 
-def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
-    """Return the poses that ``sampling`` describes, free ones in the open ``source`` if it asks for that."""
+def sample_poses(
+    sampling: SampledPoses, source: Source, step: Callable[[int], None] | None = None
+) -> Trajectory:
+    """Return the poses that ``sampling`` describes, free ones in the open ``source`` if it asks for that.
+
+    ``step`` is called with the number of free positions whenever one is found.
+    """
     if sampling.clearance is None or sampling.start is None:
         return sampling.poses()
-    return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)
+    return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance, step=step).is_free)
 
 
-def _sampled(job: Job, sampling: SampledPoses, source: Source) -> tuple[Trajectory, dict[int, str]]:
-    """Return the poses of a job, and by index why no pose was found that shows what is to be visible."""
+def _sampled(
+    job: Job, sampling: SampledPoses, source: Source, step: Callable[[int], None]
+) -> tuple[Trajectory, dict[int, str]]:
+    """Return the poses of a job, and by index why no pose was found that shows what is to be visible.
+
+    ``step`` is that of :func:`sample_poses`.
+    """
     visible = sampling.visible
     if visible is None or sampling.clearance is None or sampling.start is None:
-        return sample_poses(sampling, source), {}
+        return sample_poses(sampling, source, step), {}
     labels = _labels_of_class(job, source, visible.name)
     if not labels:
         wanted = f"expected a class of the job's classes that objects have, got {shown(visible.name)}"
         raise ArgumentError(f"poses.visible.class: {wanted}")
-    space = FreeSpace(source, sampling.start, sampling.clearance, labels)
+    space = FreeSpace(source, sampling.start, sampling.clearance, labels, step)
 
     def share(pose: Pose) -> float:
         """Return the largest share of an image at a ``pose`` that shows the class."""
@@ -304,14 +318,21 @@ class FreeSpace:
         start: (3,) metres, world frame: a free position.
         clearance: metres, from every surface.
         visible: labels of the objects that :meth:`share` counts.
+        step: called with the number of free positions whenever one is found.
 
     Raises:
         ArgumentError: no position, or no distance > 0.
     """
 
     def __init__(
-        self, source: Source, start: ArrayLike, clearance: float, visible: Sequence[int] = ()
+        self,
+        source: Source,
+        start: ArrayLike,
+        clearance: float,
+        visible: Sequence[int] = (),
+        step: Callable[[int], None] | None = None,
     ) -> None:
+        self._step = step
         self._modes = ("depth", "object_mask") if visible else ("depth",)
         self._visible = visible
         self.clearance = number("clearance", clearance, above=0)
@@ -338,6 +359,8 @@ class FreeSpace:
         if look.depth.min() < self.clearance:
             return False
         self._looks.append(look)
+        if self._step is not None:
+            self._step(len(self._looks) - 1)
         return True
 
     def share(self, camera: Camera, pose: Pose) -> float:

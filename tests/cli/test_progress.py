@@ -14,12 +14,12 @@ import pytest
 from support.processes import OMNISCV, started
 
 from omniscv import cli
-from omniscv.cli import run
+from omniscv.cli import console, run
 from omniscv.cli.console import Display, display
 from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.job import load
 from omniscv.make import run as run_job
-from omniscv.progress import Meter, Progress, Remaining, without_images
+from omniscv.progress import Meter, Progress, Remaining, phase, without_images
 from omniscv.sources.recording.inspection import info, verify
 
 JOB = """
@@ -69,10 +69,11 @@ def test_plain_progress_is_lines_where_it_is_asked_for_and_counts_each_capture_o
     assert lines[-1].endswith(", 0:00 left")
 
 
-def test_without_a_terminal_there_is_a_line_a_minute_or_at_a_bounded_rate(monkeypatch, capsys):
-    clock = iter(range(0, 1000, 40))
+def test_without_a_terminal_there_are_lines_at_times_that_grow_to_a_minute(monkeypatch, capsys):
+    clock = iter([0, *(40 * step for step in range(1, 8)), *range(1000, 2000, 40)])
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    for style, count in ((None, 4), ("none", 0)):  # at 80, 160, 240 s, and at the end
+    monkeypatch.setattr(console, "FIRST_LINE_S", 20.0)
+    for style, count in ((None, 5), ("none", 0)):  # after 40, 80, 120, 200, 280 s
         with display("images", style) as shown:
             for done in range(7):
                 shown.steps(done, 9)
@@ -82,6 +83,43 @@ def test_without_a_terminal_there_is_a_line_a_minute_or_at_a_bounded_rate(monkey
         for done in range(100):
             shown.steps(done, 100)
     assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")
+
+
+def test_phases_are_shown_with_their_steps_also_while_they_report_nothing(monkeypatch, capsys):
+    monkeypatch.setattr(console, "FIRST_LINE_S", 0.01)
+    with display("images") as shown, phase("opening the source"):
+        printed = ""
+        while "opening the source" not in printed:
+            time.sleep(0.05)
+            printed += capsys.readouterr().err
+        with phase("searching places", 9) as step:
+            step(4)
+            assert shown.line() == "searching places 4/9"
+        assert shown.line() == "opening the source"
+    assert shown.line() == "images 0/0"
+
+
+SEARCHED = """
+source: scene://four-wall
+cameras: {pano: {model: equirectangular, width: 16, height: 8}}
+poses: {random: {low: [-1, -1, 1], high: [1, 1, 2], count: 9, clearance: 0.2, seed: 1}}
+modes: [depth]
+face_size: 16
+"""
+
+
+def test_a_command_names_its_phases(tmp_path, monkeypatch):
+    """Places are searched once, also of a dataset that is limited: keys need no places."""
+    (tmp_path / "job.yaml").write_text(SEARCHED)
+    seen = []
+    for arguments in (["plan"], ["dataset", "make", "--limit", "2", "--set", "out=made"]):
+        monkeypatch.setattr(Display, "phase", lambda _, *phase: seen.append(phase))
+        monkeypatch.chdir(tmp_path)
+        assert run([*arguments, "job.yaml"]) == 0
+        names = [name for name, _, _ in seen]
+        assert {"opening the source", "searching places"} < set(names)
+        assert seen.count(("searching places", 9, 9)) == 1
+        seen.clear()
 
 
 def test_what_is_left_is_shown_once_it_is_known(monkeypatch):
@@ -185,7 +223,9 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
         _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + number
     stopped = "omniscv: stopped; what is complete is kept; this goes on: "
-    assert said == f"{stopped}the same command, without --overwrite and --resume if it has them\n"
+    assert (
+        said.splitlines()[-1] == f"{stopped}the same command, without --overwrite and --resume if it has them"
+    )
     assert verify(out).ok
     assert 0 < info(out).captures["lit"] < 6000
 
