@@ -170,6 +170,11 @@ class Model:
 
     # -- the world at an instant --------------------------------------------------------------------------
 
+    @property
+    def shown(self) -> object:
+        """What identifies the state that is shown; None while it is not known."""
+        return self._shown
+
     def show(
         self, begin: Array, hidden: Collection[str], instant: Instant, poses: Mapping[str, Pose]
     ) -> None:

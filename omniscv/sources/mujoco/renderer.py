@@ -1,5 +1,7 @@
 """MuJoCo's renderer, in a thread of its own: OpenGL contexts belong to the thread that made them."""
 
+import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -34,6 +36,8 @@ class Renderer:
     """Renders a model's pictures, colours with samples, data without; SourceError without OpenGL."""
 
     def __init__(self, model: Any) -> None:
+        self._updated: tuple[Any, bytes] | None = None  # what the scene shows, and from where
+        self._headlights: list[Any] = []
         self._model = model
         self._mujoco = model.mujoco
         self._thread = ThreadPoolExecutor(1, "mujoco-gl")
@@ -89,19 +93,14 @@ class Renderer:
     def _make_contexts(self) -> None:
         mujoco = self._mujoco
         m = self._model.m
-        self._context = mujoco.GLContext(_FIRST_PX, _FIRST_PX)
+        self._context = opengl_context(mujoco)(_FIRST_PX, _FIRST_PX)
         self._context.make_current()
         m.vis.quality.numslices = self._model.settings.numslices
         m.vis.quality.numstacks = self._model.settings.numslices // 2
         m.vis.global_.offwidth = _FIRST_PX
         m.vis.global_.offheight = _FIRST_PX
-        samples = m.vis.quality.offsamples
-        self._contexts = {}
-        for kind in (_LIT, _DATA):
-            m.vis.quality.offsamples = samples if kind == _LIT else 0
-            self._contexts[kind] = mujoco.MjrContext(m, mujoco.mjtFontScale.mjFONTSCALE_50.value)
-            self._contexts[kind].readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
-        m.vis.quality.offsamples = samples
+        self._contexts: dict[str, Any] = {}
+        self._context_of(_LIT)  # where OpenGL is too old, it says so here
         self._scene = mujoco.MjvScene(m, maxgeom=m.ngeom + m.nflex + m.nskin + _PER_WRAP * m.nwrap + 1000)
         self._option = mujoco.MjvOption()
         choose(mujoco, self._option, self._model.groups, self._model.settings.data)
@@ -109,15 +108,34 @@ class Renderer:
         for kind in ("geom", *SOFT):
             self._kinds[int(getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"))] = kind
 
+    def _context_of(self, kind: str) -> Any:
+        """Return the context of colours, which has samples, or of data, which has none."""
+        if kind not in self._contexts:
+            mujoco = self._mujoco
+            m = self._model.m
+            samples = m.vis.quality.offsamples
+            if kind == _DATA:
+                m.vis.quality.offsamples = 0
+            try:
+                context = mujoco.MjrContext(m, mujoco.mjtFontScale.mjFONTSCALE_50.value)
+            finally:
+                m.vis.quality.offsamples = samples
+            context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+            self._contexts[kind] = context
+        return self._contexts[kind]
+
     def _free(self) -> None:
         for context in self._contexts.values():
             context.free()
         self._context.free()
 
     def _render(self, view: View, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return (H, W, 3) bytes and (H, W) of the depth buffer, as OpenGL has them: the lowest row first."""
+        """Return (H, W, 3) bytes and (H, W) of the depth buffer, as OpenGL has them: the lowest row first.
+
+        The depth of colours is not read: it is 0.
+        """
         mujoco = self._mujoco
-        context = self._contexts[kind]
+        context = self._context_of(kind)
         size = (view.width, view.height)
         if context.offWidth < size[0] or context.offHeight < size[1]:
             width = max(view.width, context.offWidth)
@@ -125,23 +143,37 @@ class Renderer:
             mujoco.mjr_resizeOffscreen(width, height, context)
         # Before every picture: after a change of size, ids are garbage without it.
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        m = self._model.m
-        d = self._model.d
-        with self._model.seen_from(view.pose.position):
-            mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
+        self._update_scene(view.pose.position)
         self._aim(view)
-        self._place_planes(view)
-        for light in self._scene.lights[: self._scene.nlight]:
-            if light.headlight:
-                self._set_headlight(light, view)
+        for light in self._headlights:
+            light.dir = view.pose.R_w_c[:, 2]
         self._set_effects(kind == _LIT)
         rectangle = mujoco.MjrRect(0, 0, *size)
         rgb = np.empty((*size[::-1], 3), np.uint8)
-        z = np.empty(size[::-1], np.float32)
+        z = np.zeros(size[::-1], np.float32)
         mujoco.mjr_render(rectangle, self._scene, context)
-        mujoco.mjr_readPixels(rgb, z, rectangle, context)
+        mujoco.mjr_readPixels(rgb, None if kind == _LIT else z, rectangle, context)
         return rgb, z
+
+    def _update_scene(self, center_w: Array) -> None:
+        """Bring the scene to the model's state, as seen from a centre; not again for its other views."""
+        key = (self._model.shown, center_w.tobytes())
+        if self._model.shown is not None and key == self._updated:
+            return
+        self._updated = None
+        mujoco = self._mujoco
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        m = self._model.m
+        d = self._model.d
+        with self._model.seen_from(center_w):
+            mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
+        self._place_planes(center_w)
+        self._headlights = []
+        for light in self._scene.lights[: self._scene.nlight]:
+            if light.headlight:
+                self._set_headlight(light, center_w)
+                self._headlights.append(light)
+        self._updated = key
 
     def _aim(self, view: View) -> None:
         R_w_c = view.pose.R_w_c
@@ -157,7 +189,7 @@ class Renderer:
             camera.frustum_top = NEAR_M * p.cy / p.fy
             camera.frustum_bottom = -NEAR_M * (view.height - p.cy) / p.fy
 
-    def _place_planes(self, view: View) -> None:
+    def _place_planes(self, center_w: Array) -> None:
         """Draw infinite planes where rays meet them; MuJoCo places them by the view that was drawn before."""
         planes = self._model.planes
         plane_of = {int(planes.geoms[plane]): int(plane) for plane in planes.endless}  # by geom
@@ -165,7 +197,7 @@ class Renderer:
             return
         for item in self._scene.geoms[: self._scene.ngeom]:
             if item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM and item.objid in plane_of:
-                item.pos = planes.position_w(self._model.d, plane_of[item.objid], view.pose.position)
+                item.pos = planes.position_w(self._model.d, plane_of[item.objid], center_w)
 
     def _set_effects(self, is_lit: bool) -> None:
         flags = self._scene.flags
@@ -177,11 +209,10 @@ class Renderer:
         flags[names.mjRND_IDCOLOR] = not is_lit
         flags[names.mjRND_CULL_FACE] = False  # rays meet both sides of a mesh
 
-    def _set_headlight(self, light: Any, view: View) -> None:
+    def _set_headlight(self, light: Any, center_w: Array) -> None:
         """Make the lamp on the camera one on which all views of one optical centre agree."""
         mode = self._model.settings.headlight
-        light.pos = view.pose.position
-        light.dir = view.pose.R_w_c[:, 2]
+        light.pos = center_w
         if mode == "camera":
             return
         light.headlight = 0
@@ -197,6 +228,25 @@ class Renderer:
             light.ambient = 0 * light.ambient
         light.diffuse = 0 * light.diffuse
         light.specular = 0 * light.specular
+
+
+def needs_egl() -> bool:
+    """Return whether colours are rendered without a screen, and nobody has said how."""
+    has_screen = sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
+    return not has_screen and os.environ.get("MUJOCO_GL", "").strip().lower() in ("", "egl")
+
+
+def opengl_context(mujoco: Any) -> Any:
+    """Return the class of an OpenGL context.
+
+    MuJoCo chooses one when it is imported: GLFW's, which needs a screen, unless ``MUJOCO_GL`` is set. A
+    program that has imported it before gets EGL's nevertheless.
+    """
+    if needs_egl():
+        from mujoco.egl import GLContext
+
+        return GLContext
+    return mujoco.GLContext
 
 
 def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) -> Array:

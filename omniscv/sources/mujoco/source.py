@@ -40,7 +40,7 @@ from omniscv.sources.base import (
 )
 from omniscv.sources.mujoco.drawn import check_state
 from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
-from omniscv.sources.mujoco.renderer import raster_error
+from omniscv.sources.mujoco.renderer import needs_egl, raster_error
 from omniscv.sources.mujoco.settings import Settings
 from omniscv.sources.registry import split_address
 from omniscv.sources.rendered import Rendered
@@ -81,7 +81,7 @@ class MujocoSource(Rendered):
         """Without normals and rays where data come from the renderer, without colours where it is off."""
         can = CAPABILITIES if self._settings.data == "rays" else _RASTER
         can = replace(can, traces=can.traces and self._settings.traces)
-        if hasattr(self._model.mujoco, "GLContext"):
+        if hasattr(self._model.mujoco, "GLContext") or needs_egl():
             return can
         return replace(can, modes=can.modes - {"lit"})
 
@@ -292,7 +292,7 @@ _TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog", "trace
 
 def _mujoco(what: str) -> Any:
     """Return the package; without a screen, it renders by EGL unless the environment says otherwise."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    if "mujoco" not in sys.modules and needs_egl():
         os.environ.setdefault("MUJOCO_GL", "egl")
     try:
         import mujoco

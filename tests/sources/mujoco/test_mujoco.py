@@ -1,5 +1,6 @@
 """Captures of a MuJoCo model, held against geometry by hand, single rays, and each other."""
 
+import hashlib
 import os
 import re
 import shutil
@@ -289,6 +290,29 @@ def test_without_opengl_there_are_data_and_a_line_that_says_what_to_do(backend, 
     if backend == "osmesa" and not done.returncode:
         pytest.skip("OSMesa is installed here")
     assert re.search(expected, done.stderr.splitlines()[-1]), done.stderr
+
+
+def test_colours_need_no_screen_in_a_program_that_has_imported_mujoco(room):
+    code = (
+        "import hashlib, sys, mujoco\n"
+        "from omniscv import Pose\n"
+        "from omniscv.sources import Request, View\n"
+        "from omniscv.sources.mujoco import from_model\n"
+        f"with from_model(mujoco.MjModel.from_xml_path({str(ROOM)!r})) as source:\n"
+        "    views = [View(Pose.from_angles((0.1, 0.2, 1.4), yaw), 90, 32, 32) for yaw in (0, 90)]\n"
+        "    for capture in source.capture([Request(view, 'lit') for view in views]):\n"
+        "        print(hashlib.sha256(capture.pixels.tobytes()).hexdigest())\n"
+    )
+    gone = ("DISPLAY", "WAYLAND_DISPLAY", "PYOPENGL_PLATFORM", "MUJOCO_GL")
+    there = {key: value for key, value in os.environ.items() if key not in gone}
+    done = subprocess.run([sys.executable, "-c", code], env=there, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    expected = []
+    for yaw in (90, 0):  # each alone, and not in the order of the program
+        view = View(Pose.from_angles((0.1, 0.2, 1.4), yaw), 90, 32, 32)
+        (capture,) = room.capture([Request(view, "lit")])
+        expected.insert(0, hashlib.sha256(capture.pixels.tobytes()).hexdigest())
+    assert done.stdout.split() == expected
 
 
 def test_images_of_every_kind_are_within_their_bounds(room):
