@@ -47,7 +47,7 @@ _UNKNOWN = ("scene", "world", "frozen")
 _LAST_DIGITS = 1e-9
 """Largest difference of a number of a pose on two machines: absolute below 1, else relative."""
 
-_OTHER_DEFAULTS = {"options.store": "files", "options.depth_format": "exr"}
+_OTHER_DEFAULTS = {"options.store": "files", "options.depth_format": "exr", "splits.rule": "hash"}
 
 World = Mapping[str, Any]
 """What the frames of a world are captured of, as plain values:

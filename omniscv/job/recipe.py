@@ -5,7 +5,8 @@ registries.
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,13 +26,15 @@ _TOLERANCE = 1e-6  # of the sum of shares
 
 @record
 class Split:
-    """How frames are divided among splits: by a hash of their places, so that new places move no others.
+    """How frames are divided among splits, by their places, so that new places move no others.
 
     Poses within a distance of each other, directly or by a chain of poses, are of one place. Poses with a
     ``place`` of their own are of that place.
 
     Attributes:
         shares: split to its share of the places; their sum is 1.
+        rule: ``quota``: as many places of a job, in the order of its poses, as the shares say, to the next
+            whole place, drawn by hashes; ``hash``: each place by its own hash, as datasets before it.
     """
 
     shares: Mapping[str, float]
@@ -39,18 +42,50 @@ class Split:
     seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
     by: str = word(("place", "world"), default="place", help="what is divided: places, or whole worlds")
 
+    rule: str = word(("quota", "hash"), default="quota", help="how places are drawn: quota, or hash alone")
+
     def of(self, place: str) -> str:
-        """Return the split of a place."""
-        digest = hashlib.sha256(f"{self.seed}:{place}".encode()).digest()
-        left = int.from_bytes(digest[:8], "big") / 2**64
-        last = ""
+        """Return the split of a place or world by its hash alone."""
+        return _drawn(self._hash(place), self.shares)
+
+    def divide(self, places: Iterable[str]) -> dict[str, str]:
+        """Return the split of each of a job's places.
+
+        Of the first n places, whatever n is, a split has its share of n rounded up or down where there are
+        two splits; where there are more, it may be one place more or less. Places that are added at the end
+        move no others.
+
+        Args:
+            places: in the order of the job's poses, also repeatedly.
+        """
+        split_of: dict[str, str] = {}
+        counts = dict.fromkeys(self.shares, 0)
+        for place in dict.fromkeys(places):
+            split = self.of(place) if self.rule == "hash" else self._next(place, counts)
+            counts[split] = counts.get(split, 0) + 1
+            split_of[place] = split
+        return split_of
+
+    def _next(self, place: str, counts: Mapping[str, int]) -> str:
+        """Return the split of the next place, after others of which splits have these counts."""
+        number = sum(counts.values()) + 1
+        lacking = {}
+        able = {}
         for split, share in self.shares.items():
-            left -= share
-            if left < 0:
-                return split
-            if share > 0:
-                last = split
-        return last  # of shares whose sum is just below 1
+            due = share * number
+            if counts[split] < math.floor(due + _TOLERANCE):
+                lacking[split] = due - counts[split]
+            if counts[split] + 1 <= math.ceil(due - _TOLERANCE):
+                able[split] = share
+        if lacking:
+            return max(lacking, key=lacking.__getitem__)
+        whole = sum(able.values())
+        return _drawn(self._hash(place), {split: share / whole for split, share in able.items()})
+
+    def _hash(self, place: str) -> float:
+        """Return a number of a place, 0 to 1."""
+        digest = hashlib.sha256(f"{self.seed}:{place}".encode()).digest()
+        return int.from_bytes(digest[:8], "big") / 2**64
 
     def places(self, positions_w: Array, names: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the place of each pose: its name, else ``X,Y,Z`` of the first pose of its place.
@@ -70,7 +105,21 @@ class Split:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :func:`read_split` reads."""
-        return {**self.shares, "by": self.by, "distance_m": self.distance_m, "seed": self.seed}
+        values = {**self.shares, "by": self.by, "distance_m": self.distance_m, "seed": self.seed}
+        return values if self.rule == "hash" else {**values, "rule": self.rule}
+
+
+def _drawn(number: float, shares: Mapping[str, float]) -> str:
+    """Return the split in whose share a number, 0 to 1, lies."""
+    left = number
+    last = ""
+    for split, share in shares.items():
+        left -= share
+        if left < 0:
+            return split
+        if share > 0:
+            last = split
+    return last  # of shares whose sum is just below 1
 
 
 def read_split(name: str, value: object) -> Split:
@@ -85,7 +134,7 @@ def read_split(name: str, value: object) -> Split:
     options = {}
     shares = {}
     for key, entry in value.items():
-        if key in ("distance_m", "seed", "by"):
+        if key in ("distance_m", "seed", "by", "rule"):
             options[key] = entry
         else:
             shares[stem(name, key)] = number(f"{name}.{key}", entry, least=0, most=1)

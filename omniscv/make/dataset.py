@@ -376,6 +376,8 @@ class _PartRun:
     """
 
     def __init__(self, job: Job, part: Part, how: _How) -> None:
+        if not how.replaces:
+            job = _with_rule_of(storage.folder(job.out), job)
         self._job = job
         self._part = part
         self._how = how
@@ -531,6 +533,18 @@ class _PartRun:
         if self.failures.lines:
             content["failed"] = list(self.failures.lines.values())
         self._folder.put(self._part.marker, json.dumps(content, allow_nan=False).encode())
+
+
+def _with_rule_of(folder: Folder, job: Job) -> Job:
+    """Return a job that divides places by the rule of the dataset in its folder."""
+    split = job.recipe.split
+    whole = find_own(folder)
+    settings = None if whole is None else whole.settings.get("splits")
+    if split is None or not settings or settings.get("rule", "hash") == split.rule:
+        return job
+    recipe = replace(job.recipe, split=replace(split, rule=settings.get("rule", "hash")))
+    worlds = tuple(replace(world, recipe=recipe) for world in job.worlds)
+    return replace(job, recipe=recipe, worlds=worlds)
 
 
 def _all_names(job: Job) -> dict[str, int]:

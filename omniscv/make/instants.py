@@ -80,10 +80,11 @@ def frames_by_instant(
     split = job.recipe.split or Split({"": 1.0})
     places = places_of(job, split)
     start = f"{job.world}/" if job.world else ""
+    split_of = {} if split.by == "world" else split.divide(f"{start}{place}" for place in places)
     for index in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
         place = f"{start}{places[index]}"
-        in_split = job.world_split or split.of(job.world if split.by == "world" else place)
+        in_split = job.world_split or split_of.get(place) or split.of(job.world)
         varied, fault = _varied(job, index, place)
         fault = job.faults.get(index, fault)
         for frame in path.frames(index):

@@ -357,3 +357,15 @@ def test_what_is_refused_before_the_first_capture(tmp_path):
         path.write_text((JOB + EXPORTS).replace(old, new, 1).replace("six-wall", "nowhere"))
         with pytest.raises(ArgumentError, match=says):
             make(load(path))
+
+
+@pytest.mark.parametrize("limit", [None, 4], ids=["all", "limited"])
+def test_a_camera_beside_an_imu_has_the_rate_of_the_job(tmp_path, limit):
+    lens = {"model": "pinhole", "width": 8, "height": 6, "fov_deg": 90}
+    line = {"waypoints": [[-1, 0, 1.5], [1, 0, 1.5]], "speed": 1, "rate": 8}
+    job = load({"source": "scene://four-wall", "cameras": {"cam": lens}, "imu": {}, "modes": ["lit"],
+                "poses": {"path": line}, "face_size": 8, "out": str(tmp_path / "out"),
+                "export": ["euroc"]})  # fmt: skip
+    make(job, limit=limit)
+    text = (job.out / "exports/euroc/mav0/cam0/sensor.yaml").read_text()
+    assert yaml.safe_load(text)["rate_hz"] == pytest.approx(8, rel=1e-6)

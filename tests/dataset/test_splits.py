@@ -8,6 +8,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 from support.cases import cases
 
+from omniscv import dataset
+from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.job.recipe import Split, read_split
@@ -42,7 +44,41 @@ def test_a_place_that_is_given_is_kept():
     assert SPLIT.places(positions, ("a", "", "b")) == ("a", "0.000,0.000,0.000", "b")
 
 
-def test_shares_are_kept_and_another_seed_shares_otherwise():
+SHARES = st.sampled_from([
+    {"train": 0.8, "val": 0.2},
+    {"train": 1 / 3, "val": 2 / 3},
+    {"train": 0.7, "val": 0.2, "test": 0.1},
+    {"a": 0.25, "b": 0.25, "c": 0.25, "d": 0.25},
+    {"train": 0.97, "val": 0.0, "test": 0.03},
+])  # fmt: skip
+
+
+@cases(50)
+@given(SHARES, st.integers(0, 200), st.integers(0, 9))
+def test_shares_of_a_job_are_kept_within_one_place(shares, count, seed):
+    found = Split(shares, seed=seed).divide(f"{i}" for i in range(count))
+    assert len(found) == count
+    for split, share in shares.items():
+        off = abs(sum(other == split for other in found.values()) - share * count)
+        assert off < 1 if len(shares) == 2 else off <= 1
+
+
+def test_sixty_places_are_divided_as_asked_and_not_every_fifth():
+    found = list(Split({"train": 0.8, "val": 0.2}).divide(f"{i}" for i in range(60)).values())
+    assert (found.count("train"), found.count("val")) == (48, 12)
+    assert len({number % 5 for number, split in enumerate(found) if split == "val"}) >= 3
+
+
+@cases(50)
+@given(SHARES, st.integers(0, 60), st.integers(0, 60))
+def test_places_that_are_added_move_no_others(shares, count, more):
+    places = [f"{i}" for i in range(count + more)]
+    before = Split(shares).divide(places[:count])
+    assert before.items() <= Split(shares).divide(places).items()
+    assert Split(shares).divide([*places, *places]) == Split(shares).divide(places)
+
+
+def test_shares_by_hash_are_kept_on_average_and_another_seed_shares_otherwise():
     places = [f"{i}" for i in range(4000)]
     found = [SPLIT.of(place) for place in places]
     for split, share in SPLIT.shares.items():
@@ -72,3 +108,32 @@ def test_wrong_splits_are_one_line():
     ):
         with pytest.raises(ArgumentError, match=says):
             read_split("split", shares)
+
+
+LINE = {"source": "scene://four-wall", "face_size": 16, "split": {"train": 0.8, "val": 0.2}}
+
+
+def made_at(tmp_path, count, **split):
+    """The splits of frames of a dataset at places along a line."""
+    lens = {"model": "equirectangular", "width": 16, "height": 8}
+    poses = [{"position": [0.6 * i - 2, 0, 1.5]} for i in range(count)]
+    keys = {"poses": poses, "cameras": {"c": lens}, "out": str(tmp_path / "out"), "modes": ["lit"]}
+    make(load({**LINE, **keys, "split": {**LINE["split"], **split}}))
+    return [frame.split for frame in dataset.open(tmp_path / "out")]
+
+
+def test_a_dataset_that_was_begun_by_another_rule_keeps_it(tmp_path):
+    first = made_at(tmp_path, 5, rule="hash")
+    assert first == [Split(LINE["split"]).of(f"{0.6 * i - 2:.3f},0.000,1.500") for i in range(5)]
+    assert "rule" not in manifest.read(tmp_path / "out").settings["splits"]
+    more = made_at(tmp_path, 7)
+    assert more[:5] == first
+    assert len(more) == 7
+    assert dataset.check(tmp_path / "out") == []
+
+
+def test_new_places_move_no_frames(tmp_path):
+    first = made_at(tmp_path, 5)
+    assert first.count("val") == 1
+    assert made_at(tmp_path, 7)[:5] == first
+    assert manifest.read(tmp_path / "out").settings["splits"]["rule"] == "quota"

@@ -131,6 +131,7 @@ def _overlaps(rig: Rig, mounted: RigCamera) -> list[int]:
     return overlaps
 
 
+_EVEN = 2  # times between frames, which show that they are even
 _STATES = {
     "p_RS_R": "m", "q_RS": "", "v_RS_R": "m s^-1", "b_w_RS_S": "rad s^-1", "b_a_RS_S": "m s^-2",
 }  # fmt: skip
@@ -187,7 +188,7 @@ class Euroc(Format):
                 written.append(write_color(folder / "data" / f"{stamp:019d}.png", frame))
                 table += f"{stamp},{stamp:019d}.png\n"
             written.append(write_text(folder / "data.csv", table))
-            written.append(_sensor(folder, "camera", track.on_body(sequence[0]), _camera(sequence)))
+            written.append(_sensor(folder, "camera", track.on_body(sequence[0]), _camera(sequence, track)))
         samples = track.samples()
         body = Pose(np.zeros(3), np.eye(3))
         quaternions = Rotation.from_matrix(samples.rotations).as_quat(canonical=True, scalar_first=True)
@@ -210,13 +211,20 @@ class Euroc(Format):
         ]
 
 
-def _camera(frames: Sequence[Frame]) -> dict[str, Any]:
+def _camera(frames: Sequence[Frame], track: ImuTrack) -> dict[str, Any]:
+    """Return the keys of a camera's ``sensor.yaml``.
+
+    Its rate is that of the frames; of frames at uneven times, as a limited dataset has them, that of the
+    rig's poses.
+    """
     entry = yaml.safe_load(KALIBR.write({"cam0": RigCamera(without_limit(frames[0].camera))}))["cam0"]
     entry["distortion_coefficients"] = entry.pop("distortion_coeffs")
     if entry["distortion_model"] == "radtan":
         entry["distortion_model"] = "radial-tangential"
-    span = (frames[-1].time or 0.0) - (frames[0].time or 0.0)
-    return {"rate_hz": (len(frames) - 1) / span if span else 0.0, **entry}
+    between_ns = np.diff([frame.time_ns or 0 for frame in frames])
+    if len(between_ns) < _EVEN or np.ptp(between_ns) > 0.01 * between_ns.min():
+        between_ns = np.diff(track.path.times_ns or ())
+    return {"rate_hz": NS / float(np.mean(between_ns)) if len(between_ns) else 0.0, **entry}
 
 
 def _sensor(folder: Path, kind: str, pose: Pose, keys: Mapping[str, Any]) -> Path:
