@@ -16,7 +16,7 @@ from mock_server.settings import WORDS, scene_names
 from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
-_OTHERS = {"omniscv serve": ", or a recording"}
+_OTHERS = {"omniscv serve": ", a recording or a mesh"}
 _EXAMPLE = "four-wall --port 9000 --dialect 0.3.10 --size 512x512"
 
 

@@ -13,6 +13,8 @@ from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)
 
+_MESHES = (".glb", ".gltf", ".ply", ".obj", ".stl", ".off")
+"""Endings of files that are served as meshes."""
 _VERBS = ("vget", "vset", "vbp", "vrun", "vexec")
 _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
 
@@ -22,7 +24,7 @@ _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
     epilog="Example: omniscv serve four-wall --port 9000 --dialect 0.3.10 --size 512x512",
 )
 def serve(context: typer.Context) -> None:
-    """Serve a scene, or a recording, over the UnrealCV protocol, for any client, until Ctrl-C."""
+    """Serve a scene, a recording, or a mesh over the UnrealCV protocol, for any client, until Ctrl-C."""
     from mock_server.__main__ import main
 
     console.check()
@@ -31,10 +33,14 @@ def serve(context: typer.Context) -> None:
 
 
 def _opened(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of a server with the scene of a recording, served as it was recorded."""
+    """Return the options of a server with the scene of a recording, as it was recorded, or of a mesh."""
     # Path.is_file raises an error where a name is too long.
     if not os.path.isfile(options["scene"]) or Path(options["scene"]).suffix in (".yaml", ".yml"):
         return options
+    if Path(options["scene"]).suffix.lower() in _MESHES:
+        from omniscv.sources.mesh.served import served
+
+        return served(Path(options["scene"]), options)
     from omniscv.sources.recorded_scene import RecordedScene
 
     scene = RecordedScene(Path(options["scene"]))

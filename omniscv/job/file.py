@@ -20,6 +20,7 @@ from omniscv.job.readers import KnownOptions
 from omniscv.job.recipe import Media, Recipe, Split
 from omniscv.job.sampling import KINDS
 from omniscv.job.vary import Vary
+from omniscv.job.world_patterns import one_by_one
 from omniscv.planning import RenderOptions
 from omniscv.records import help_of, key_of, mapping, read_fields, reader_of
 from omniscv.records import read as read_record
@@ -162,6 +163,7 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
     if not worlds or "source" in shared:
         wanted = "expected worlds by name, in place of source"
         raise ArgumentError(f"worlds: {wanted}, got {'both' if worlds else 'none'}")
+    worlds = one_by_one(worlds, folder)
     stems("worlds", worlds)
     jobs = []
     for name, keys in worlds.items():

@@ -62,9 +62,7 @@ class _Reader:
             number, parent = pending.pop()
             node = self._gltf.item("nodes", number)
             if number in seen or len(seen) > _MOST_NODES:
-                raise ArgumentError(
-                    f"nodes {number}: expected a tree of nodes, got one that stands in it twice"
-                )
+                raise ArgumentError(f"node {number}: expected a tree of nodes, got it twice")
             seen.add(number)
             matrix = parent @ _matrix(node, f"node {number}")
             yield number, node, matrix

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import read
 from omniscv.sources.base import (
@@ -28,6 +29,7 @@ from omniscv.sources.base import (
     Traced,
     View,
     closed_error,
+    copy_with,
 )
 from omniscv.sources.mesh.files import digest, read_mesh
 from omniscv.sources.mesh.model import Model
@@ -138,9 +140,17 @@ class MeshSource(Rendered):
     def close(self) -> None:
         self._worlds.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _reopened, (self._path, self._settings, self._instant, self._hidden, dict(self._moved))
+
     def _check_open(self) -> None:
         if self._worlds.closed:
             raise closed_error(str(self._path))
+
+    def world_with(self, poses: Mapping[str, Pose], hidden: Collection[str]) -> MeshWorld:
+        """Return the mesh with some objects moved, by name, and some hidden."""
+        self._check_open()
+        return self._worlds.get(poses, hidden)
 
     def _world(self) -> MeshWorld:
         """Return the mesh at this source's instant."""
@@ -227,6 +237,13 @@ def open_mesh(address: str, **options: Any) -> MeshSource:
     with within(path):
         settings = read(Settings, {**options, **written}, "options")
     return MeshSource(Path(path), settings)
+
+
+def _reopened(
+    path: Path, settings: Settings, instant: Instant, hidden: frozenset[str], moved: Mapping[str, Pose]
+) -> MeshSource:
+    """Return the source of another process at its instant."""
+    return copy_with(MeshSource(path, settings), _instant=instant, _hidden=hidden, _moved=moved)
 
 
 def _rows(origins_w: Array, shape: tuple[int, ...]) -> Array:

@@ -182,6 +182,10 @@ class MeshWorld:
         """Return an object's pose: the middle of its box at rest, and how it is turned."""
         return self._poses.get(name) or Pose(middle(self._resting.model, name), np.eye(3))
 
+    def vertices(self, name: str) -> Array:
+        """Return the vertices (N, 3) of an object's faces, metres, world frame."""
+        return self._vertices[rows_of(self._resting.model, name)]
+
     def box(self, name: str) -> ObjectBox:
         """Return the box around an object: along the world's axes at rest, and turned with the object."""
         low, high = bounds(self._resting.model, name)
