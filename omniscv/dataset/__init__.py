@@ -4,6 +4,7 @@ from omniscv.dataset.checking import check
 from omniscv.dataset.exported import export
 from omniscv.dataset.exporting import Format, get, names, register
 from omniscv.dataset.manifest import open
+from omniscv.dataset.stepping import episodes
 from omniscv.dataset.writer import Writer
 from omniscv.frame import Frame
 from omniscv.truth import registry as truths
@@ -11,6 +12,6 @@ from omniscv.truth.registry import Truth
 from omniscv.truth.registry import register as register_truth
 
 __all__ = [
-    "Format", "Frame", "Truth", "Writer", "check", "export", "get", "names", "open", "register",
+    "Format", "Frame", "Truth", "Writer", "check", "episodes", "export", "get", "names", "open", "register",
     "register_truth", "truths"
 ]  # fmt: skip

@@ -86,7 +86,9 @@ class Format(WithOptions, ABC):
 _MODULES = {
     **{"horizonnet": "layouts", "depth_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
     **dict.fromkeys(("euroc", "kalibr", "poses", "tum_mono"), "slam"),
-    **dict.fromkeys(("coco", "colmap", "flow", "nerfstudio", "ply", "rosbag2", "webdataset", "yolo")),
+    **dict.fromkeys(
+        ("coco", "colmap", "flow", "lerobot", "nerfstudio", "ply", "rosbag2", "webdataset", "yolo")
+    ),
 }
 """The formats of this package, and the modules that register them; None: that of the format's name."""
 

@@ -34,6 +34,8 @@ _JPEG_JFIF = b"\xff\xe0"
 _RATE_FACTOR = "18"  # of H.264: 0 is lossless, 51 worst
 _BT709 = 1
 """Matrix, primaries and transfer in H.264: what players take for large pictures that say nothing."""
+BT601 = 5
+"""Matrix of BT.601 in H.264: what readers of frames take that do not look at the tags."""
 _LIMITED = 1
 _FULL = 2
 """Ranges of codes in H.264: of luma 16 to 235, or 0 to 255."""
@@ -177,7 +179,7 @@ def write_video(
     if camera.width % 2 or camera.height % 2:
         wanted = "expected an even width and height, as H.264 needs"
         raise ArgumentError(f"video: {wanted}, got {camera.width} x {camera.height}")
-    data = _encoded(frames, rate, progress)
+    data = encoded_video(frames, rate, progress)
     if refuses(camera) is None:
         data = with_video_boxes(data)
     place = storage.file_at(path)
@@ -185,8 +187,27 @@ def write_video(
     return path
 
 
-def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> bytes:
-    """Return an MP4 file (H.264) of the frames' colours, ``rate`` frames a second."""
+def encoded_video(
+    frames: Sequence[Frame],
+    rate: float,
+    progress: Steps | None = None,
+    *,
+    group: int | None = None,
+    matrix: int = _BT709,
+) -> bytes:
+    """Return an MP4 file (H.264) of the frames' colours.
+
+    Args:
+        frames: of one camera, in their order.
+        rate: frames a second.
+        progress: called with (frames done, frames in all).
+        group: how many frames follow each other from one that is coded alone to the next; the encoder's own
+            number if not given.
+        matrix: from colours to luma and chroma, tagged so: BT.709 or :data:`BT601`.
+
+    Raises:
+        ArgumentError: PyAV is missing.
+    """
     try:
         import av
     except ImportError as missing:
@@ -198,15 +219,18 @@ def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> by
         stream.height = frames[0].camera.height
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": _RATE_FACTOR, "preset": "medium"}
+        if group is not None:
+            stream.options |= {"g": str(group)}
         coding = stream.codec_context
-        coding.colorspace = coding.color_primaries = coding.color_trc = _BT709
+        coding.colorspace = matrix
+        coding.color_primaries = coding.color_trc = _BT709
         coding.color_range = _LIMITED
         for frame in counted(frames, progress):
             colors = uint8_colors(frame.layer("lit"))
             picture = av.VideoFrame.from_ndarray(colors, format="rgb24").reformat(
                 format="yuv420p",
-                src_colorspace=_BT709,
-                dst_colorspace=_BT709,
+                src_colorspace=matrix,
+                dst_colorspace=matrix,
                 src_color_range=_FULL,
                 dst_color_range=_LIMITED,
             )
