@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from mock_server.dialects import BY_NAME
 from mock_server.dialects.common import Dialect, Later, OutputFolder
 from mock_server.faults import Faults
@@ -121,6 +123,8 @@ class Server:
         self.faults = Faults(settings.faults, settings.seed)
         self.settings = settings
         self.fault = ""
+        if isinstance(self.scene, Scene):  # another renderer has no kernels of ours
+            _prepare(self.scene)
         world = World(self.scene, settings, self.faults)
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self._listener: socket.socket = self._tcp
@@ -332,6 +336,12 @@ def _payload(identity: int, body: str | bytes | None) -> bytes:
     if isinstance(body, str):
         body = body.encode()
     return b"%d:%b" % (identity, body)
+
+
+def _prepare(scene: Scene) -> None:
+    """Draw three rays, so that no request waits for kernels: where none are built, numba takes seconds."""
+    seen = scene.view(np.zeros(3), np.eye(3)[None], np.ones((1, 3)))
+    seen.codes.sum()  # colours are made when they are asked for
 
 
 def serve(scene: Scene | str | Path, port: int = 0, dialect: DialectName = "N3", **options: Any) -> Server:

@@ -4,6 +4,7 @@ import contextlib
 import re
 import socket
 import struct
+import threading
 import time
 import tracemalloc
 
@@ -14,6 +15,7 @@ from support.cases import cases
 
 import mock_server
 from mock_server.protocol import MAGIC, MAX_PAYLOAD, FrameError, frame, read_frame
+from mock_server.scene import Scene
 from mock_server.server import MAX_WAITING, Statistics
 from omniscv.errors import BadReplyError
 from omniscv.sources.unreal import protocol
@@ -221,3 +223,12 @@ def test_any_command_is_answered(name, start, open_raw):
     answered = example("vget /unrealcv/echo ")(answered)  # regression: a late reply was empty on 0.3.10
     answered()
     assert client.text("vget /unrealcv/version") in ("0.3.10", "1.0.1")
+
+
+def test_kernels_are_ready_before_the_first_request(monkeypatch):
+    """Where none are built, numba compiles them for longer than clients wait."""
+    seen = []
+    view = Scene.view
+    monkeypatch.setattr(Scene, "view", lambda *given: seen.append(threading.current_thread()) or view(*given))
+    with mock_server.serve("four-wall"):
+        assert seen == [threading.main_thread()]

@@ -6,6 +6,7 @@ client's.
 """
 
 import contextlib
+import inspect
 import logging
 import math
 import os
@@ -85,7 +86,17 @@ def _client() -> Any:
     return module
 
 
+def _check_client(module: Any) -> None:
+    """Raise SourceError for a client that is older than the one that is needed, as old scripts install it."""
+    if "type" in inspect.signature(module.Client.__init__).parameters:
+        return
+    wanted = f"unrealcv: expected client 1.3.2 or later, got an older one in {module.__file__}"
+    advice = "give old scripts an environment of their own, beside 'omniscv serve' in this one"
+    raise SourceError(f"{wanted}; {advice}")
+
+
 unrealcv = _client()
+_check_client(unrealcv)
 logging.getLogger("unrealcv").setLevel(logging.CRITICAL)  # its faults are raised as errors of omniscv
 unrealcv.print = lambda *_: None  # the module's own name, not the builtin
 
