@@ -165,6 +165,7 @@ CHANGES = {
     "split.distance_m": ("split", 2.0),
     "split.seed": ("split", 1),
     "split.by": ("split", "world"),
+    "split.rule": ("split", "hash"),
     "media": ("still", {"xmp": True}),
     "media.xmp": ("still", True),
     "media.north": ("still", 30),
