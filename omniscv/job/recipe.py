@@ -8,20 +8,24 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import flag, number, shown, stem, texts, whole_number, within, wrong
+from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.clusters import cluster_starts
-from omniscv.records import checked, listed, mapping, read, record, word
+from omniscv.records import checked, listed, mapping, optional, read, record, word
 from omniscv.render_options import Tolerance
 from omniscv.storage import bounded
 
 _TOLERANCE = 1e-6  # of the sum of shares
+
+
+_RULES = ("quota", "hash")
 
 
 @record
@@ -34,15 +38,19 @@ class Split:
     Attributes:
         shares: split to its share of the places; their sum is 1.
         rule: ``quota``: as many places of a job, in the order of its poses, as the shares say, to the next
-            whole place, drawn by hashes; ``hash``: each place by its own hash, as datasets before it.
+            whole place, drawn by hashes; ``hash``: each place by its own hash, as datasets before it. None:
+            that of the dataset that is continued, ``quota`` for a new one.
     """
 
     shares: Mapping[str, float]
     distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
     seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
     by: str = word(("place", "world"), default="place", help="what is divided: places, or whole worlds")
-
-    rule: str = word(("quota", "hash"), default="quota", help="how places are drawn: quota, or hash alone")
+    rule: str | None = checked(
+        optional(partial(one_of, words=_RULES)),
+        default=None,
+        help="how places are drawn: quota, or hash alone; as the dataset has them, or quota, if not given",
+    )
 
     def of(self, place: str) -> str:
         """Return the split of a place or world by its hash alone."""
@@ -106,7 +114,7 @@ class Split:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :func:`read_split` reads."""
         values = {**self.shares, "by": self.by, "distance_m": self.distance_m, "seed": self.seed}
-        return values if self.rule == "hash" else {**values, "rule": self.rule}
+        return values if self.rule == "hash" else {**values, "rule": self.rule or _RULES[0]}
 
 
 def _drawn(number: float, shares: Mapping[str, float]) -> str:

@@ -536,11 +536,11 @@ class _PartRun:
 
 
 def _with_rule_of(folder: Folder, job: Job) -> Job:
-    """Return a job that divides places by the rule of the dataset in its folder."""
+    """Return a job that divides places by the rule of the dataset in its folder, unless it says another."""
     split = job.recipe.split
     whole = find_own(folder)
     settings = None if whole is None else whole.settings.get("splits")
-    if split is None or not settings or settings.get("rule", "hash") == split.rule:
+    if split is None or split.rule is not None or not settings:
         return job
     recipe = replace(job.recipe, split=replace(split, rule=settings.get("rule", "hash")))
     worlds = tuple(replace(world, recipe=recipe) for world in job.worlds)
