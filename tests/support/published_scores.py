@@ -69,5 +69,6 @@ FIGURES = {
         "rel_scale": 0.10960564916774156,
     },
 }
-"""Means over the images by the authors' own evaluation code, whose arrays were float64; of ``depth-anywhere`` the
-predictions were ``0.7 / p + 0.05``."""
+"""Means over the images by the authors' own evaluation code, whose arrays were float64.
+
+Of ``depth-anywhere`` the predictions were ``0.7 / p + 0.05``."""
