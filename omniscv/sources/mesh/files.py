@@ -1,6 +1,5 @@
 """Files of meshes: the reader of each form, by the end of its name."""
 
-import hashlib
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -8,17 +7,23 @@ from pathlib import Path
 import numpy as np
 
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.sources.mesh.gltf import MOST_BYTES
+from omniscv.sources.mesh.gltf import MOST_BYTES, file_beside
 from omniscv.sources.mesh.gltf_nodes import read_gltf
 from omniscv.sources.mesh.materials import Material
 from omniscv.sources.mesh.model import Contents, Part
 from omniscv.sources.mesh.ply import read_ply
+from omniscv.sources.mesh.semantics import REPLICA_NAMES, read_labelled
+from omniscv.sources.mesh.settings import WORDS
 from omniscv.sources.mesh.wavefront import read_obj
 from omniscv.storage.bounded import read_bytes
 
 
-def read_mesh(path: Path) -> Contents:
+def read_mesh(path: Path, labels: str) -> Contents:
     """Return the triangles of a file.
+
+    Args:
+        path: of the file.
+        labels: ``object``, ``material``, or the name of a file in the same folder that names the objects.
 
     Raises:
         ArgumentError: no file, one of another form, or a broken one.
@@ -27,6 +32,11 @@ def read_mesh(path: Path) -> Contents:
     if not path.is_file():
         raise ArgumentError("expected a file, got none of that name")
     suffix = path.suffix.lower()
+    if labels not in WORDS:
+        return read_labelled(path, file_beside(path, labels))
+    replica = path.with_name(REPLICA_NAMES)
+    if labels == "object" and path.name == _REPLICA_MESH and replica.is_file():
+        return read_labelled(path, replica)
     return _READERS.get(suffix, _read_by_trimesh)(path)
 
 
@@ -50,16 +60,11 @@ def _read_by_trimesh(path: Path) -> Contents:
     return Contents([Part("mesh", vertices, faces, Material("mesh"))])
 
 
-def digest(path: Path) -> str:
-    """Return a digest of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 _READERS: dict[str, Callable[[Path], Contents]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".ply": read_ply,
     ".obj": read_obj,
 }
+_REPLICA_MESH = "mesh_semantic.ply"
 _ARCHIVES = (".zip", ".tar.gz", ".tar.bz2", ".bz2", ".gz")

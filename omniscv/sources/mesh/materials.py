@@ -17,6 +17,9 @@ MIRROR = 2
 LINEAR = np.array([c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.arange(256) / 255])
 """Light of the 256 codes of sRGB (IEC 61966-2-1)."""
 
+CODES_BELOW = (LINEAR[1:] + LINEAR[:-1]) / 2
+"""Light between two codes: the code of light is its place among these."""
+
 
 @dataclass(frozen=True, eq=False)
 class Texture:

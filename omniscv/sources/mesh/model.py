@@ -1,8 +1,9 @@
 """Triangles of a world, in arrays: what readers of files return, put together in metres and world axes."""
 
+import hashlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,33 @@ class Model:
         )
 
 
+def split_part(part: Part, numbers: Ints, names: Mapping[int, str], otherwise: str) -> list[Part]:
+    """Return one part for each object.
+
+    Args:
+        part: triangles of several objects.
+        numbers: (M,) the number of each triangle's object.
+        names: of the objects, by number.
+        otherwise: the name of triangles of other numbers.
+    """
+    order = np.argsort(numbers, kind="stable")
+    unique, starts = np.unique(numbers[order], return_index=True)
+    parts = []
+    for number, rows in zip(unique.tolist(), np.split(order, starts[1:]), strict=True):
+        used, faces = np.unique(part.faces[rows], return_inverse=True)
+        parts.append(
+            replace(
+                part,
+                name=names.get(number, otherwise),
+                vertices=part.vertices[used],
+                faces=faces.reshape(-1, 3),
+                uv=None if part.uv is None else part.uv[used],
+                colors=None if part.colors is None else part.colors[used],
+            )
+        )
+    return parts
+
+
 def plain_name(name: str) -> str:
     """Return a name as commands of UnrealCV can say it: without spaces and controls."""
     return "_".join("".join(c if c.isprintable() else " " for c in name).split())
@@ -141,6 +169,20 @@ class Names:
         if count == 1:
             return plain
         return self.unique(f"{plain}#{count}", otherwise)
+
+
+def digest(model: Model) -> str:
+    """Return a digest of all that a world shows."""
+    sha = hashlib.sha256(repr(model.names).encode())
+    for array in (model.vertices, model.faces, model.label, model.material, model.uv, model.colors):
+        sha.update(np.ascontiguousarray(array).data)
+    for material in model.materials:
+        texture = material.texture
+        sha.update(repr(replace(material, texture=None)).encode())
+        if texture is not None:
+            sha.update(repr((texture.pixels.shape, texture.wrap, texture.nearest)).encode())
+            sha.update(np.ascontiguousarray(texture.pixels).data)
+    return sha.hexdigest()
 
 
 def _object_name(part: Part, settings: Settings) -> str:

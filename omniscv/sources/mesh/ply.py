@@ -13,7 +13,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.sources.mesh.gltf import MOST_BYTES
 from omniscv.sources.mesh.materials import LINEAR, Material
-from omniscv.sources.mesh.model import Contents, Ints, Part
+from omniscv.sources.mesh.model import Contents, Ints, Part, split_part
 from omniscv.storage.bounded import read_bytes
 
 _DTYPES = {
@@ -71,32 +71,16 @@ def read_ply(path: Path) -> Contents:
     """Return the triangles of a PLY file; one object for each ``object_id`` of its faces, else one."""
     ply = read_ply_arrays(path)
     ids = ply.face_values.get("object_id")
+    part = ply_part(ply)
     if ids is None:
-        part = Part("mesh", ply.vertices, ply.faces, _MATERIAL, None, ply.colors)
         return Contents([part], notes=ply.notes)
     names = {int(number): f"object_{int(number)}" for number in np.unique(ids)}
-    return Contents(parts_by_number(ply, ids, names), notes=ply.notes)
+    return Contents(split_part(part, ids.astype(np.int64), names, "mesh"), notes=ply.notes)
 
 
-def parts_by_number(ply: Ply, numbers: NDArray[Any], names: dict[int, str]) -> list[Part]:
-    """Return one part for each object.
-
-    Args:
-        ply: the whole mesh.
-        numbers: (M,) the number of each triangle's object.
-        names: of the objects, by number; triangles of others are left out.
-    """
-    order = np.argsort(numbers, kind="stable")
-    unique, starts = np.unique(numbers[order], return_index=True)
-    parts = []
-    for number, rows in zip(unique.tolist(), np.split(order, starts[1:]), strict=True):
-        if number not in names:
-            continue
-        used, faces = np.unique(ply.faces[rows], return_inverse=True)
-        colors = None if ply.colors is None else ply.colors[used]
-        faces = faces.reshape(-1, 3)
-        parts.append(Part(names[number], ply.vertices[used], faces, _MATERIAL, None, colors))
-    return parts
+def ply_part(ply: Ply) -> Part:
+    """Return all triangles of a PLY file as one object."""
+    return Part("mesh", ply.vertices, ply.faces, _MATERIAL, None, ply.colors)
 
 
 def read_ply_arrays(path: Path) -> Ply:

@@ -31,8 +31,8 @@ from omniscv.sources.base import (
     closed_error,
     copy_with,
 )
-from omniscv.sources.mesh.files import digest, read_mesh
-from omniscv.sources.mesh.model import Model
+from omniscv.sources.mesh.files import read_mesh
+from omniscv.sources.mesh.model import Model, digest
 from omniscv.sources.mesh.settings import Settings
 from omniscv.sources.mesh.tracing import Hits
 from omniscv.sources.mesh.world import MeshWorld, Resting
@@ -62,13 +62,13 @@ class MeshSource(Rendered):
 
     def __init__(self, path: Path, settings: Settings) -> None:
         with within(str(path)):
-            model = Model.of(read_mesh(path), settings)
+            model = Model.of(read_mesh(path, settings.labels), settings)
             appearance = {option.name: getattr(settings, option.name) for option in fields(settings)}
             del appearance["traces"]  # no capture depends on it
             lamp = settings.lamp
             appearance["lamp"] = None if lamp is None else lamp.tolist()
             shown_as = repr(sorted(appearance.items()))
-            content = hashlib.sha256((digest(path) + shown_as).encode()).hexdigest()[:16]
+            content = hashlib.sha256((digest(model) + shown_as).encode()).hexdigest()[:16]
         self._path = path
         self._settings = settings
         self._name = path.stem
