@@ -19,6 +19,7 @@ from omniscv.cli import console
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
+    from omniscv.cameras import Camera
     from omniscv.job import Job
     from omniscv.sources.registry import Deadlines
 
@@ -183,6 +184,37 @@ def _key_names() -> Iterator[str]:
 def is_calibration(camera: str) -> bool:
     """Return whether the text of ``--camera`` is a file's name: models have neither dots nor folders."""
     return "." in camera or len(Path(camera).parts) > 1
+
+
+def central_camera(option: str, text: str, size: tuple[int, int], settings: list[str]) -> Camera:
+    """Return the camera that an option names, in a size.
+
+    Args:
+        option: its name, for messages.
+        text: a model, or a calibration file with one camera.
+        size: width and height, px.
+        settings: ``KEY=VALUE`` parameters of a model.
+
+    Raises:
+        ArgumentError: parameters beside a calibration file, or one with several cameras.
+    """
+    from omniscv.calibration import load
+    from omniscv.cameras import create
+
+    if is_calibration(text):
+        if settings:
+            raise ArgumentError(
+                f"{option}: expected no parameters beside a calibration file, got {settings[0]!r}"
+            )
+        cameras = load(Path(text), size=size)
+        if len(cameras) != 1:
+            raise ArgumentError(f"{option}: expected a file with one camera, got {', '.join(cameras)}")
+        return next(iter(cameras.values()))
+    parameters = {}
+    for item in settings:
+        name, value = setting(item, "fov_deg=185")
+        parameters[name] = value
+    return create(text, width=size[0], height=size[1], **parameters)
 
 
 def _camera(text: str) -> Keys:

@@ -55,7 +55,7 @@ def reproject(
     from omniscv.pictures import foreign
 
     views = _views(yaw, pitch, roll)
-    to = _camera("--camera", camera, options.size(size), set_ or [])
+    to = options.central_camera("--camera", camera, options.size(size), set_ or [])
     files = [source]
     if source.is_dir():
         files = [path for path in sorted(source.iterdir()) if path.suffix.lower() in foreign.SUFFIXES]
@@ -95,27 +95,6 @@ def _views(yaw: str, pitch: float, roll: float) -> dict[str, Any]:
     return views
 
 
-def _camera(option: str, text: str, size: tuple[int, int], settings: list[str]) -> Camera:
-    """Return the camera that an option names, in a size."""
-    from omniscv.calibration import load
-    from omniscv.cameras import create
-
-    if options.is_calibration(text):
-        if settings:
-            raise ArgumentError(
-                f"{option}: expected no parameters beside a calibration file, got {settings[0]!r}"
-            )
-        cameras = load(Path(text), size=size)
-        if len(cameras) != 1:
-            raise ArgumentError(f"{option}: expected a file with one camera, got {', '.join(cameras)}")
-        return next(iter(cameras.values()))
-    parameters = {}
-    for setting in settings:
-        name, value = options.setting(setting, "fov_deg=185")
-        parameters[name] = value
-    return create(text, width=size[0], height=size[1], **parameters)
-
-
 def _with_view(name: str, view: str) -> str:
     """Return a file's name with that of a view after its stem; layers stay last: ``A.labels.png``."""
     stem, dot, ending = name.partition(".")
@@ -145,7 +124,7 @@ def _write(file: Path, target: Path, from_: str, set_from: list[str], to: Camera
             f"{target.name}: expected a form that can be written, such as png, jpg, exr, tiff"
         )
     pixels = files.read(file, layer) if layer != "lit" else foreign.read(file).pixels
-    camera = _camera("--from", from_, (pixels.shape[1], pixels.shape[0]), set_from)
+    camera = options.central_camera("--from", from_, (pixels.shape[1], pixels.shape[0]), set_from)
     if from_ == "equirectangular" and not set_from and pixels.shape[1] != 2 * pixels.shape[0]:
         size = f"{pixels.shape[1]}x{pixels.shape[0]}"
         raise ArgumentError(f"{file}: expected a panorama of 2:1, got {size}; name its camera by --from")

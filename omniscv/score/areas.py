@@ -7,7 +7,7 @@ import numpy as np
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Ints
+from omniscv.geometry.arrays import Ints, Mask
 
 _TO_A_CORNER = 0.5 - 1e-4
 """px from a pixel's middle: at the very corner the ray may be that of another face of a cube."""
@@ -47,6 +47,14 @@ def solid_angles(camera: Camera) -> Array:
         areas[rows, columns] = _areas_of_parts(camera, rows, columns)
     areas.flags.writeable = False
     return areas
+
+
+@lru_cache(_KEPT)
+def seen_pixels(camera: Camera) -> Mask:
+    """Return (H, W) bool which pixels of a camera see something, read-only; kept for a few cameras."""
+    valid = camera.valid()
+    valid.flags.writeable = False
+    return valid
 
 
 def _triangle(a: Array, b: Array, c: Array) -> Array:

@@ -11,9 +11,8 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Mask
-from omniscv.score.alignment import ALIGNMENTS
-from omniscv.score.alignment import align as aligned
-from omniscv.score.areas import solid_angles
+from omniscv.score.alignment import ALIGNMENTS, Line, fitted
+from omniscv.score.areas import seen_pixels, solid_angles
 from omniscv.score.intervals import Interval, Truths, interval
 from omniscv.score.measures import DepthMeasures, measures
 
@@ -110,13 +109,39 @@ def depth(
     along = as_range(picture("predicted", predicted, shape) * unit_m, form, camera)
     true = picture("truth", truth, shape)
     compared = select(along, true, camera, doubt=doubt, error=error, bounded=bounded)
+    return compare(along, true, camera, compared, align)[0]
+
+
+def compare(
+    along: Array,
+    true: Array,
+    camera: Camera,
+    compared: Compared,
+    align: str = "none",
+    lines: tuple[Line, Line] | None = None,
+) -> tuple[DepthScores, Array]:
+    """Return the scores of an image, and its aligned depth (H, W), NaN where nothing is compared.
+
+    Args:
+        along: (H, W) predicted metres along rays.
+        true: (H, W) metres along rays.
+        camera: of both.
+        compared: the pixels.
+        align: one of :data:`omniscv.score.ALIGNMENTS`.
+        lines: the alignments of a whole set, by pixel and by solid angle; None: of this image.
+
+    Raises:
+        ArgumentError: no pixel has depth after it is aligned.
+    """
     where = compared.where
     t = true[where]
     p = along[where]
     areas = solid_angles(camera)[where]
     alike = np.ones(len(t))
-    by_pixel = aligned(p, t, alike, align)
-    by_area = aligned(p, t, areas, align)
+    if lines is None:
+        lines = fitted(p, t, alike, align), fitted(p, t, areas, align)
+    by_pixel = lines[0].apply(p)
+    by_area = lines[1].apply(p)
     kept = (by_pixel > 0) & (by_area > 0) & np.isfinite(by_pixel) & np.isfinite(by_area)
     if not kept.any():
         raise ArgumentError(f"align: expected depth above 0 after {align}, got none at any pixel")
@@ -125,10 +150,18 @@ def depth(
         off = compared.error[where]
         for index, weights in enumerate((alike, areas)):
             within[index] = interval(p, Truths(t - off, t + off, weights), align)
-    return DepthScores(
-        by_pixel=measures(by_pixel[kept], t[kept], alike[kept]),
-        by_solid_angle=measures(by_area[kept], t[kept], areas[kept]),
-        compared=int(np.count_nonzero(kept)),
+    aligned = np.full(true.shape, np.nan)
+    aligned[where] = np.where(kept, by_area, np.nan)
+    if not kept.all():
+        t = t[kept]
+        by_pixel = by_pixel[kept]
+        by_area = by_area[kept]
+        alike = alike[kept]
+        areas = areas[kept]
+    scores = DepthScores(
+        by_pixel=measures(by_pixel, t, alike),
+        by_solid_angle=measures(by_area, t, areas),
+        compared=len(t),
         lost=int(np.count_nonzero(~kept)),
         in_doubt=compared.in_doubt,
         missing=compared.missing,
@@ -136,6 +169,7 @@ def depth(
         by_pixel_within=within[0],
         by_solid_angle_within=within[1],
     )
+    return scores, aligned
 
 
 def select(
@@ -166,7 +200,7 @@ def select(
         doubtful = ~(off < truth)
     elif off is not None:
         doubtful = doubtful | ~(off < truth)
-    has_truth = camera.valid() & np.isfinite(truth) & (truth > 0)
+    has_truth = seen_pixels(camera) & np.isfinite(truth) & (truth > 0)
     has_value = np.isfinite(along) & (along > 0)
     where = has_truth & has_value & ~doubtful
     if not where.any():

@@ -20,7 +20,7 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.score.areas import solid_angles
+from omniscv.score.areas import seen_pixels, solid_angles
 
 UNKNOWN = 0
 """A true label of nothing: left out."""
@@ -84,11 +84,11 @@ def labels(
     p = _picture("predicted", predicted, shape)
     t = _picture("truth", truth, shape)
     doubtful = np.zeros(shape, np.bool_) if doubt is None else np.asarray(doubt, np.bool_)
-    has_truth = camera.valid() & (t != UNKNOWN)
+    has_truth = seen_pixels(camera) & (t != UNKNOWN)
     compared = has_truth & ~doubtful
     if not compared.any():
         raise ArgumentError("truth: expected a pixel with a label beyond doubt, got none")
-    doubtful = camera.valid() & doubtful
+    doubtful = seen_pixels(camera) & doubtful
     return LabelScores(
         by_pixel=_measures(p, t, compared, doubtful, np.ones(shape)),
         by_solid_angle=_measures(p, t, compared, doubtful, solid_angles(camera)),

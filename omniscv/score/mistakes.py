@@ -23,7 +23,7 @@ from omniscv.cameras import Camera
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.score import steps
-from omniscv.score.areas import solid_angles
+from omniscv.score.areas import seen_pixels, solid_angles
 from omniscv.score.other_lenses import other_lenses
 from omniscv.score.steps import MOST_COLUMNS
 
@@ -131,7 +131,7 @@ def find_mistakes(
     """
     said = np.asarray(predicted, np.float64)
     true = np.asarray(truth, np.float64)
-    known = camera.valid() & np.isfinite(true) & (true > 0)
+    known = seen_pixels(camera) & np.isfinite(true) & (true > 0)
     if doubt is not None:
         known &= ~np.asarray(doubt, np.bool_)
     pictures = Pictures(said, true, known, camera)
@@ -241,7 +241,7 @@ def _by_steps(pictures: Pictures, rows: Ints, columns: Ints, as_said: float) -> 
     if edges.shift != (0.0, 0.0):
         said = pictures.said[rows, columns]
         true = pictures.true[rows, columns]
-        has_truth = pictures.camera.valid() & np.isfinite(pictures.true) & (pictures.true > 0)
+        has_truth = seen_pixels(pictures.camera) & np.isfinite(pictures.true) & (pictures.true > 0)
         known = np.where(has_truth, pictures.true, np.nan)
         moved = steps.moved(known, rows, columns, edges.shift, pictures.camera.wraps)
         error = pictures.error(said, rows, columns, moved)

@@ -15,7 +15,7 @@ from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Mask
-from omniscv.score.areas import solid_angles
+from omniscv.score.areas import seen_pixels, solid_angles
 from omniscv.score.mistakes import Mistake
 
 _MUCH_BETTER = 0.5  # mean angle in another frame, relative to that in the frame that was said
@@ -134,7 +134,7 @@ def _unit_vectors(
     doubtful = np.zeros(shape, np.bool_) if doubt is None else np.asarray(doubt, np.bool_)
     length = np.linalg.norm(p, axis=-1)
     has_value = np.isfinite(length) & (length > 0)
-    has_truth = camera.valid() & (np.abs(t).sum(axis=-1) > 0)
+    has_truth = seen_pixels(camera) & (np.abs(t).sum(axis=-1) > 0)
     where = has_value & has_truth & ~doubtful
     if not where.any():
         raise ArgumentError("predicted: expected a pixel with a normal and a truth beyond doubt, got none")

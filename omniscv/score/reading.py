@@ -1,9 +1,11 @@
-"""Predictions and truth in folders, matched by their names."""
+"""Predictions and truth in folders and files, matched by their names."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,46 +18,72 @@ from omniscv.compose import files
 from omniscv.compose.layers import doubt_of
 from omniscv.dataset.manifest import is_dataset
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Mask
 from omniscv.pictures import foreign
+from omniscv.score.projection import resized
 from omniscv.storage.bounded import MOST_JSON_BYTES, MOST_PICTURE_BYTES, open_regular, parse_json, read_bytes
 
 SUFFIXES = (".npy", ".npz", ".exr", ".tif", ".tiff", ".png", ".pfm")
 """Of predictions, the first one that is there counts."""
-_LAYERS = ("label_edge", "unsure", "depth", "depth_error")
+WHAT = ("depth", "labels", "normals")
+"""What is scored."""
+_MARKS = ("label_edge", "unsure")
+_LAYERS = {
+    "depth": (*_MARKS, "depth", "depth_error"),
+    "labels": (*_MARKS, "labels"),
+    "normals": (*_MARKS, "normals", "depth", "depth_error"),
+}
+"""Layers that are read for what is scored."""
+Lens = Callable[[int, int], Camera]
+"""Returns a camera for a width and a height, px."""
 
 
-class Truth(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Truth:
     """The truth of one image.
 
     Attributes:
         name: of the image, which its prediction has, too.
         camera: of the image.
-        depth: (H, W) metres along rays.
+        values: (H, W) metres along rays, (H, W) labels, or (H, W, 3) normals.
         doubt: (H, W) bool, pixels in doubt.
         error: (H, W) metres that depth may be off, infinite where nothing bounds it; None: not known.
+        scene: what the image shows, for differences by scene; its name where that is not known.
+        picture: returns its colours, (H, W, 3); None where it has none.
     """
 
     name: str
     camera: Camera
-    depth: Array
+    values: NDArray[Any]
     doubt: Mask
     error: Array | None = None
+    scene: str = ""
+    picture: Callable[[], NDArray[Any] | None] = lambda: None
 
 
-def truths(folder: str | Path) -> Iterator[Truth]:
-    """Yield the truth of each image of a dataset, or of a folder that ``render`` wrote.
+def truths(
+    folder: str | Path, what: str = "depth", lens: Lens | None = None, unit_m: float = 1.0
+) -> Iterator[Truth]:
+    """Yield the truth of each image of a dataset, of a folder that ``render`` wrote, or of files.
 
     Args:
-        folder: of the dataset or the images.
+        folder: of the dataset or the images; with a ``lens`` also one file.
+        what: one of :data:`WHAT`.
+        lens: the camera of files, which are all in the folder that can be a prediction; None: the dataset or
+            the images say it.
+        unit_m: of files, metres.
 
     Raises:
-        ArgumentError: no such folder, or images without depth.
+        ArgumentError: no such folder, or images without that truth.
     """
+    if lens is not None:
+        yield from _of_files(Path(folder), what, lens, unit_m)
+        return
     if is_dataset(storage.folder(folder)):
         for frame in dataset.open(folder):
-            yield _truth(frame.key, frame.camera, frame.layers(*_LAYERS))
+            yield _of_frame(frame, what)
         return
     descriptions = sorted(Path(folder).glob("*.json"))
     images = 0
@@ -64,62 +92,119 @@ def truths(folder: str | Path) -> Iterator[Truth]:
             content = parse_json(read_bytes(path, MOST_JSON_BYTES))
         if isinstance(content, Mapping) and isinstance(content.get("camera"), Mapping):
             images += 1
-            yield _truth_of_image(path, content)
+            yield _of_image(path, content, what)
     if not images:
-        raise ArgumentError(f"{folder}: expected a dataset, or images that omniscv render wrote, got neither")
+        expected = f"{folder}: expected a dataset, or images that omniscv render wrote, got neither"
+        raise ArgumentError(f"{expected}; for other files, give --camera")
 
 
-def _truth_of_image(path: Path, content: Mapping[str, Any]) -> Truth:
+def _of_files(path: Path, what: str, lens: Lens, unit_m: float) -> Iterator[Truth]:
+    """Yield the truth of files, whose names end in ``.LAYER`` or in nothing."""
+    paths = [path]
+    if path.is_dir():
+        paths = [file for file in sorted(path.iterdir()) if file.suffix.lower() in SUFFIXES]
+    if not paths:
+        raise ArgumentError(f"{path}: expected files of {', '.join(SUFFIXES)}, got none")
+    for file in paths:
+        with within(file):
+            values = read(file, what)
+        camera = lens(values.shape[1], values.shape[0])
+        if (camera.height, camera.width) != values.shape[:2]:
+            size = f"{camera.width}x{camera.height}"
+            got = f"{values.shape[1]}x{values.shape[0]}"
+            raise ArgumentError(f"{file}: expected {size} px, as its camera has, got {got}")
+        if what == "depth":
+            values = values * unit_m
+        stem = file.stem.removesuffix(f".{what}")
+        yield Truth(stem, camera, values, np.zeros(values.shape[:2], np.bool_), scene=stem)
+
+
+def _of_frame(frame: Frame, what: str) -> Truth:
+    """Return the truth of a frame; of a dataset with classes, labels are classes."""
+    layers = frame.layers(*_LAYERS[what])
+    if what == "labels" and frame.classes is not None and "labels" in layers:
+        layers["labels"] = frame.classes.ids(frame.instances)[layers["labels"]]
+    picture = partial(_layer_of_frame, frame)
+    return _truth(frame.key, frame.camera, layers, what, frame.scene or frame.key, picture)
+
+
+def _layer_of_frame(frame: Frame) -> NDArray[Any] | None:
+    """Return the colours of a frame; None without them."""
+    return frame.layers("lit").get("lit")
+
+
+def _of_image(path: Path, content: Mapping[str, Any], what: str) -> Truth:
     """Return the truth of a rendered image by its ``STEM.json``."""
     camera = from_dict(dict(content["camera"]))
-    layers = {}
-    blank = content.get("blank", [])
-    for layer in _LAYERS:
-        if layer in blank:
-            layers[layer] = np.zeros((camera.height, camera.width), np.bool_)
+    paths = {}
     for name in content.get("files", []):
         layer = str(name).removeprefix(f"{path.stem}.").partition(".")[0]
-        if layer in _LAYERS:
-            layers[layer] = files.read(path.parent / Path(name).name, layer)
-    return _truth(path.stem, camera, layers)
+        paths[layer] = path.parent / Path(name).name
+    layers = {}
+    for layer in _LAYERS[what]:
+        if layer in content.get("blank", []):
+            layers[layer] = np.zeros((camera.height, camera.width), np.bool_)
+        elif layer in paths:
+            layers[layer] = files.read(paths[layer], layer)
+    picture = partial(files.read, paths["lit"], "lit") if "lit" in paths else lambda: None
+    return _truth(path.stem, camera, layers, what, path.stem, picture)
 
 
-def _truth(name: str, camera: Camera, layers: Mapping[str, NDArray[Any]]) -> Truth:
+def _truth(
+    name: str,
+    camera: Camera,
+    layers: Mapping[str, NDArray[Any]],
+    what: str,
+    scene: str,
+    picture: Callable[[], NDArray[Any] | None],
+) -> Truth:
     """Return the truth of an image by its layers."""
-    if "depth" not in layers:
-        raise ArgumentError(f"{name}: expected an image with depth, got {', '.join(layers) or 'none'}")
-    shape = (camera.height, camera.width)
+    if what not in layers:
+        raise ArgumentError(f"{name}: expected an image with {what}, got {', '.join(layers) or 'none'}")
+    doubt = doubt_of(layers, (camera.height, camera.width))
     error = None
     if "depth_error" in layers:
         error = np.where(layers.get("unsure", np.False_), np.inf, layers["depth_error"]).astype(np.float64)
-    return Truth(name, camera, layers["depth"].astype(np.float64), doubt_of(layers, shape), error)
+    values = layers[what]
+    if what != "labels":
+        values = values.astype(np.float64)
+    return Truth(name, camera, values, doubt, error, scene, picture)
 
 
-def prediction(folder: Path, truth: Truth) -> tuple[Array, str]:
-    """Return the prediction of an image, (H, W) as it is stored, and what was done to its size, in words.
+def prediction(folder: Path, truth: Truth, what: str = "depth") -> tuple[NDArray[Any], str]:
+    """Return the prediction of an image, as it is stored but for its size, and what was done to that, in
+    words.
 
     Args:
-        folder: has ``NAME.SUFFIX`` or ``NAME.depth.SUFFIX``.
+        folder: has ``NAME.SUFFIX`` or ``NAME.WHAT.SUFFIX``; or one file.
         truth: of the image.
+        what: one of :data:`WHAT`.
 
     Raises:
         ArgumentError: no file of that name, or one that cannot be read.
     """
-    path = _file_of(folder, truth.name)
+    path = file_of(folder, truth.name, what)
     with within(path):
-        values = _read(path)
+        values = read(path, what)
     shape = (truth.camera.height, truth.camera.width)
-    if values.shape == shape:
+    if values.shape[:2] == shape:
         return values, ""
-    done = f"{values.shape[1]}x{values.shape[0]} px: the nearest pixels are taken"
-    rows = ((np.arange(shape[0]) + 0.5) * values.shape[0] / shape[0]).astype(np.int64)
-    columns = ((np.arange(shape[1]) + 0.5) * values.shape[1] / shape[1]).astype(np.int64)
-    return values[rows][:, columns], done
+    size = f"{values.shape[1]}x{values.shape[0]} px"
+    if what != "depth":
+        rows = ((np.arange(shape[0]) + 0.5) * values.shape[0] / shape[0]).astype(np.int64)
+        columns = ((np.arange(shape[1]) + 0.5) * values.shape[1] / shape[1]).astype(np.int64)
+        return values[rows][:, columns], f"{size}: the nearest pixels are taken"
+    done = f"{size}: read linearly between pixels"
+    if truth.camera.wraps:
+        done += ", also across the seam"
+    return resized(values, shape, truth.camera.wraps), done
 
 
-def _file_of(folder: Path, name: str) -> Path:
-    """Return the file of a prediction."""
-    for stem in (name, f"{name}.depth"):
+def file_of(folder: Path, name: str, what: str) -> Path:
+    """Return the file of a prediction; ArgumentError for none. A ``folder`` may be the file itself."""
+    if folder.is_file():
+        return folder
+    for stem in (name, f"{name}.{what}"):
         for suffix in SUFFIXES:
             path = folder / f"{stem}{suffix}"
             if path.is_file():
@@ -128,20 +213,40 @@ def _file_of(folder: Path, name: str) -> Path:
     raise ArgumentError(f"{expected}; got none")
 
 
-def _read(path: Path) -> Array:
-    """Return the values of a file, (H, W) float64."""
+def read(path: Path, what: str = "depth") -> NDArray[Any]:
+    """Return the values of a file: (H, W) float64 depth, (H, W) whole numbers, or (H, W, 3) float64 normals.
+
+    Args:
+        path: of a suffix of :data:`SUFFIXES`.
+        what: one of :data:`WHAT`.
+
+    Raises:
+        ArgumentError: a file of another form.
+    """
     suffix = path.suffix.lower()
     if suffix == ".npz":
         values = _of_npz(path)
     elif suffix == ".pfm":
         values = _of_pfm(path)
+    elif suffix == ".npy" and what == "normals":
+        values = _of_npy(path)
     else:
-        values = foreign.read(path, "depth").pixels
-    values = np.asarray(values, np.float64)
+        kinds = {"depth": "depth", "labels": "object_mask", "normals": "lit"}
+        values = foreign.read(path, kinds[what]).pixels
     values = values[..., 0] if values.ndim == 3 and values.shape[2] == 1 else values
-    if values.ndim != 2:
-        raise ArgumentError(f"expected one value a pixel, got an array of shape {shown(values.shape)}")
-    return values
+    expected = "three values a pixel" if what == "normals" else "one value a pixel"
+    if values.ndim != (3 if what == "normals" else 2):
+        raise ArgumentError(f"expected {expected}, got an array of shape {shown(values.shape)}")
+    return values if what == "labels" else np.asarray(values, np.float64)
+
+
+def _of_npy(path: Path) -> NDArray[Any]:
+    """Return the array of an NPY."""
+    with open_regular(path, most=MOST_PICTURE_BYTES) as file:
+        try:
+            return np.asarray(np.load(file, allow_pickle=False))
+        except (ValueError, OSError, EOFError) as cause:
+            raise ArgumentError(f"expected an NPY of numbers, got: {cause}") from cause
 
 
 def _of_npz(path: Path) -> NDArray[Any]:

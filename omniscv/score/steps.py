@@ -17,6 +17,7 @@ import numpy as np
 from omniscv.cameras import Camera
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
+from omniscv.score.areas import seen_pixels
 from omniscv.score.other_lenses import other_lenses
 
 MOST_COLUMNS = 32
@@ -57,8 +58,8 @@ def compare(said: Array, true: Array, camera: Camera) -> Edges | None:
         camera: of both.
     """
     band = _band(said.shape)
-    log_said = _logs(said, camera.valid())
-    log_true = _logs(true, camera.valid())
+    log_said = _logs(said, seen_pixels(camera))
+    log_true = _logs(true, seen_pixels(camera))
     in_said = _Steps(log_said[band])
     in_true = _Steps(log_true[band])
     shifted = _best_shift(in_said, in_true, camera.wraps)

@@ -12,7 +12,7 @@ from omniscv import Pose
 from omniscv.cameras import create
 from omniscv.cli import run
 from omniscv.errors import ArgumentError
-from omniscv.score.report import score
+from omniscv.score.running import score
 
 CAMERA = create("equirectangular", width=64, height=32)
 
@@ -69,7 +69,7 @@ def test_another_size_is_said(tmp_path, truth, depth):
         np.save(tmp_path / f"{name}.npy", np.kron(values, np.ones((2, 2))))
     for item in score(tmp_path, truth):
         assert item.scores.by_pixel.abs_rel < 1e-6
-        assert item.resampled == "128x64 px: the nearest pixels are taken"
+        assert item.resampled == "128x64 px: read linearly between pixels, also across the seam"
 
 
 def test_a_prediction_that_is_missing_is_named(tmp_path, truth, depth):
