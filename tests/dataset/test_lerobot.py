@@ -198,6 +198,19 @@ def test_without_states_the_pose_of_the_rig_is_the_state(tmp_path):
     assert np.linalg.norm(right[:, :3] - left[:, :3], axis=1) == pytest.approx([0.2, 0.2])
 
 
+def test_vectors_of_one_number_are_numbers(tmp_path):
+    """Readers of the format take a column of shape [1] as one of numbers."""
+    with (
+        omniscv.open_source("scene://four-wall") as source,
+        dataset.episodes(tmp_path / "one", TABLE, fps=FPS, modes=("lit",), face_size=32) as episodes,
+    ):
+        for step in range(2):
+            episodes.add(source, pose_of(0, step), action=[0.5 * step])
+        episodes.end()
+    dataset.export(tmp_path / "one", "lerobot")
+    assert rows(tmp_path / "one", 0)["action"].to_pylist() == [0, 0.5]
+
+
 def test_an_episode_that_is_not_ended_is_refused(tmp_path):
     with (
         pytest.raises(ArgumentError, match=r"expected end\(\) after the last step"),

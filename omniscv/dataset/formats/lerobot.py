@@ -352,10 +352,9 @@ class _Writer:
         for key, rows in vectors.items():
             stacked = np.stack(rows)
             self._values.setdefault(key, []).append(stacked)
-            item = pyarrow.from_numpy_dtype(stacked.dtype)
-            columns[key] = pyarrow.FixedSizeListArray.from_arrays(
-                pyarrow.array(stacked.ravel(), item), stacked.shape[1]
-            )
+            columns[key] = pyarrow.array(stacked.ravel())
+            if stacked.shape[1] > 1:  # vectors of one number are numbers in the format
+                columns[key] = pyarrow.FixedSizeListArray.from_arrays(columns[key], stacked.shape[1])
         form = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
         for key, encoded in pictures.items():
             columns[key] = pyarrow.array(encoded, form)
