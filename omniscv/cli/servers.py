@@ -149,7 +149,9 @@ class _Files:
 def doctor(
     uri: Annotated[
         str | None,
-        Argument(help="unreal://host:port, mock://SCENE, blender://FILE; a recording; captures or frames."),
+        Argument(
+            help="unreal://host:port, mock://SCENE, blender:// or mesh://FILE; recording; captures; frames."
+        ),
     ] = None,
     self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
     quick: Annotated[

@@ -69,8 +69,9 @@ def examine_address(
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or what another module
-            examines: ``blender://SCENE.blend``, a recording, a folder of its captures, or frames with poses.
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or what another
+            module examines: ``blender://SCENE.blend``, ``mesh://ROOM.glb``, a recording, a folder of its
+            captures, or frames with poses.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         quick: leave out the unit of depth, what captures say of each other, and what moves.
         picture: PNG to write, of a recording's worst edge.
@@ -95,6 +96,10 @@ def examine_address(
         return _examine_captures(address, picture)
     if scheme_of(address) == "blender":
         return examine_blender(address, position, **deadlines)
+    if scheme_of(address) == "mesh":
+        from omniscv.diagnostics.mesh import examine_mesh
+
+        return examine_mesh(address, position)
     with open_connection(address, **deadlines) as connection:
         return _examine_server(connection, position, quick)
 

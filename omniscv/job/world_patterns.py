@@ -15,7 +15,7 @@ def one_by_one(worlds: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     Args:
         worlds: by name; a ``*`` in a name stands for what the ``*`` in its source stands for.
-        folder: of the job, to which sources without a scheme are relative.
+        folder: of the job, to which sources are relative; else to the working folder.
 
     Raises:
         ArgumentError: a pattern that no file matches, or a source without ``*``.
@@ -35,12 +35,14 @@ def _matches(source: object, folder: Path) -> list[str]:
     """Return what the ``*`` in a source stands for, sorted."""
     if not isinstance(source, str) or source.partition("?")[0].count(_MARK) != 1:
         raise ArgumentError(f"source: expected one {_MARK}, which stands for files, got {shown(source)}")
-    _, mark, rest = source.partition("?")[0].rpartition("://")
-    pattern = Path(rest) if mark else folder / rest
-    before, _, after = pattern.name.partition(_MARK)
+    rest = source.partition("?")[0].rpartition("://")[2]
+    before, _, after = Path(rest).name.partition(_MARK)
     words = []
-    for path in pattern.parent.glob(pattern.name):
-        words.append(path.name[len(before) : len(path.name) - len(after)])
+    for pattern in (folder / rest, Path(rest)):
+        for path in pattern.parent.glob(pattern.name):
+            words.append(path.name[len(before) : len(path.name) - len(after)])
+        if words:
+            break
     if not words:
         raise ArgumentError(f"source: expected files of {shown(source)}, got none")
     return sorted(words)

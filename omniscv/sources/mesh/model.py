@@ -185,6 +185,28 @@ def digest(model: Model) -> str:
     return sha.hexdigest()
 
 
+def open_edges(model: Model) -> int:
+    """Return how many edges bound one face alone, so that there is a hole beside it; places count, not names.
+
+    Vertices are compared by 64 bits of a digest of their coordinates.
+    """
+    bits = np.ascontiguousarray(model.vertices + 0.0).view(np.uint64)  # + 0.0: no negative zero
+    codes = _mixed(bits[:, 0])
+    for axis in (1, 2):
+        codes = _mixed(codes + bits[:, axis])
+    corners = codes[model.faces]
+    edges = [corners[:, k] + corners[:, (k + 1) % 3] for k in range(3)]
+    _, counts = np.unique(np.concatenate(edges), return_counts=True)
+    return int((counts == 1).sum())
+
+
+def _mixed(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return 64 bits that depend on all bits of each value (the finalizer of MurmurHash3, Appleby)."""
+    for odd in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
+        values = (values ^ values >> np.uint64(33)) * np.uint64(odd)
+    return values ^ values >> np.uint64(33)
+
+
 def _object_name(part: Part, settings: Settings) -> str:
     """Return the name of the object that a part belongs to."""
     if settings.labels == "material":

@@ -32,7 +32,7 @@ from omniscv.sources.base import (
     copy_with,
 )
 from omniscv.sources.mesh.files import read_mesh
-from omniscv.sources.mesh.model import Model, digest
+from omniscv.sources.mesh.model import Model, digest, open_edges
 from omniscv.sources.mesh.settings import Settings
 from omniscv.sources.mesh.tracing import Hits
 from omniscv.sources.mesh.world import MeshWorld, Resting
@@ -58,6 +58,10 @@ class MeshSource(Rendered):
     Args:
         path: of its file.
         settings: how it is shown.
+
+    Attributes:
+        model: the mesh as its file describes it.
+        holes: how many edges bound one triangle alone.
     """
 
     def __init__(self, path: Path, settings: Settings) -> None:
@@ -78,6 +82,12 @@ class MeshSource(Rendered):
         self._colorless = model.colorless
         for what, count in sorted(model.notes.items()):
             LOGGER.warning("%s: left out %d %s", path, count, what)
+        self.model = model
+        self.holes = open_edges(model)
+        if self.holes:
+            LOGGER.warning(
+                "%s: not closed: %d edges bound one triangle alone; through holes is sky", path, self.holes
+            )
         if model.colorless:
             LOGGER.warning("%s: no colours: %s", path, model.colorless)
 

@@ -8,6 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from support import mesh_files
 from support.mesh_files import FACES, Builder, corners_w, png, y_up
@@ -253,6 +254,7 @@ def test_what_is_left_out_is_counted_in_a_warning(tmp_path, caplog):
         "left out 1 primitives of points or lines",
         "left out 1 triangles with vertices that are no numbers",
         "left out 1 triangles without area",
+        "not closed: 8 edges bound one triangle alone; through holes is sky",
     ]
 
 
@@ -280,7 +282,7 @@ def test_ktx_pictures_cost_colours_alone_and_the_line_says_how_to_convert(tmp_pa
         ("unit=yard", "unit: expected one of m, cm, mm, km, in, ft; got 'yard'"),
         ("lamp=1,2", "lamp: expected 3 finite numbers|lamp: expected"),
         ("lamps=1", "expected options among unit, up, labels, alpha, lamp, traces"),
-        ("labels=room", "labels: expected one of object, material"),
+        ("labels=room", "labels: expected object, material, or a file"),
     ],
 )
 def test_a_wrong_option_is_one_line(query, message, tmp_path):
@@ -301,3 +303,16 @@ def test_a_picture_of_an_hdr_of_colours_is_not_executed(tmp_path):
     with omniscv.open_source(f"mesh://{path}") as source:
         assert source.objects().names() == ["mesh"]
     assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_open_edges_are_counted_by_place_and_a_closed_mesh_has_none(closed, tmp_path, caplog):
+    """Each of a ball's triangles has vertices of its own: edges agree by where they are."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    ball.unmerge_vertices()
+    if not closed:
+        ball.update_faces(np.arange(len(ball.faces)) != 7)
+    ball.export(tmp_path / "ball.ply")
+    with caplog.at_level(logging.WARNING), omniscv.open_source(f"mesh://{tmp_path}/ball.ply"):
+        said = [record.getMessage() for record in caplog.records]
+    assert [text.split(": ")[-1].split()[0] for text in said] == ([] if closed else ["3"])

@@ -12,6 +12,7 @@ from support.processes import OMNISCV, started
 
 import omniscv
 from omniscv import make
+from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
@@ -249,3 +250,13 @@ def test_what_is_not_there_is_one_line(source):
     with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Tabel'; did you mean Table"):
         source.without(["Tabel"])
     assert "Table" in source.variable("objects")
+
+
+def test_the_doctor_says_what_a_mesh_is(path, tmp_path):
+    findings = {finding.name: finding for finding in examine_address(f"mesh://{path}", CENTER_W)}
+    assert findings["mesh"].value == f"{len(truth_of(room()).corners)} triangles, 9 objects"
+    assert all(finding.verdict == "ok" for finding in findings.values())
+    plate_and_screen(tmp_path / "plate.glb")
+    findings = {finding.name: finding for finding in examine_address(f"mesh://{tmp_path}/plate.glb")}
+    assert findings["open edges"].value == "8"
+    assert findings["open edges"].verdict == "warning"
