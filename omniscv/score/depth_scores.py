@@ -14,7 +14,7 @@ from omniscv.geometry.arrays import Mask
 from omniscv.score.alignment import ALIGNMENTS, Line, fitted
 from omniscv.score.areas import seen_pixels, solid_angles
 from omniscv.score.intervals import Interval, Truths, interval
-from omniscv.score.measures import DepthMeasures, measures
+from omniscv.score.measures import DepthMeasures, measures, measures_by
 
 FORMS = ("range", "planar", "disparity")
 """What a prediction holds: metres along the ray, metres along the optical axis, or 1 / metres along the
@@ -112,6 +112,29 @@ def depth(
     return compare(along, true, camera, compared, align)[0]
 
 
+class _Aligned(NamedTuple):
+    """Pixels (N,) after alignment.
+
+    Attributes:
+        by_pixel, by_area: predictions, metres, aligned with either kind of weights.
+        t: truths, metres.
+        alike, areas: the weights.
+    """
+
+    by_pixel: Array
+    by_area: Array
+    t: Array
+    alike: Array
+    areas: Array
+
+    def measures(self, is_one: bool) -> list[DepthMeasures]:
+        """Return the measures by pixel and by solid angle; ``is_one``: both alignments are the same."""
+        if is_one:
+            return measures_by(self.by_pixel, self.t, (self.alike, self.areas))
+        of_pixels = measures(self.by_pixel, self.t, self.alike)
+        return [of_pixels, measures(self.by_area, self.t, self.areas)]
+
+
 def compare(
     along: Array,
     true: Array,
@@ -147,21 +170,16 @@ def compare(
         raise ArgumentError(f"align: expected depth above 0 after {align}, got none at any pixel")
     within: list[Interval | None] = [None, None]
     if compared.error is not None and kept.all():
-        off = compared.error[where]
-        for index, weights in enumerate((alike, areas)):
-            within[index] = interval(p, Truths(t - off, t + off, weights), align)
+        bounds = t - compared.error[where], t + compared.error[where]
+        within = [interval(p, Truths(*bounds, weights), align) for weights in (alike, areas)]
     aligned = np.full(true.shape, np.nan)
     aligned[where] = np.where(kept, by_area, np.nan)
-    if not kept.all():
-        t = t[kept]
-        by_pixel = by_pixel[kept]
-        by_area = by_area[kept]
-        alike = alike[kept]
-        areas = areas[kept]
+    pairs = _Aligned(by_pixel[kept], by_area[kept], t[kept], alike[kept], areas[kept])
+    of_pixels, of_areas = pairs.measures(is_one=lines[0] == lines[1])
     scores = DepthScores(
-        by_pixel=measures(by_pixel, t, alike),
-        by_solid_angle=measures(by_area, t, areas),
-        compared=len(t),
+        by_pixel=of_pixels,
+        by_solid_angle=of_areas,
+        compared=len(pairs.t),
         lost=int(np.count_nonzero(~kept)),
         in_doubt=compared.in_doubt,
         missing=compared.missing,

@@ -25,7 +25,6 @@ from omniscv.geometry.arrays import Ints, Mask
 from omniscv.score import steps
 from omniscv.score.areas import seen_pixels, solid_angles
 from omniscv.score.other_lenses import other_lenses
-from omniscv.score.steps import MOST_COLUMNS
 
 _MUCH_BETTER = 0.5
 """Error of another reading, relative to that of the one that was said."""
@@ -34,7 +33,7 @@ _LEAST_ERROR = 0.02
 """AbsRel of a reading as it was said from which on another one is looked for: less is no mistake of
 reading."""
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
-_GRID = 8192  # pixels at which readings are compared
+_GRID = 5000  # pixels at which readings are compared
 _CLIPPED = 0.02  # least share of pixels whose depth is clipped
 _BEYOND = 1.1  # ratio of truth and the limit from which on a pixel is clipped
 _FLAT = 0.4  # slope of clipped log p over log t, which is 1 of sound ones
@@ -102,11 +101,15 @@ class Pictures(NamedTuple):
         """
         true = self.true[rows, columns] if truth is None else truth
         areas = solid_angles(self.camera)[rows, columns]
-        has_value = np.isfinite(values) & (values > 0) & np.isfinite(true) & (true > 0)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            relative = np.abs(values / true - 1)
+            relative[~((values > 0) & (true > 0) & (relative < np.inf))] = np.nan
+        has_value = ~np.isnan(relative)
+        if has_value.all():
+            return float(areas @ relative / areas.sum())
         if np.count_nonzero(has_value) < 0.5 * len(values):
             return np.inf
-        relative = np.abs(values[has_value] - true[has_value]) / true[has_value]
-        return float(areas[has_value] @ relative / areas[has_value].sum())
+        return float(areas[has_value] @ relative[has_value] / areas[has_value].sum())
 
     def scaled_error(self, values: Array, rows: Ints, columns: Ints) -> float:
         """Return :meth:`error` after a scale by medians: a wrong scale is no wrong reading."""
@@ -177,10 +180,6 @@ def _readings(camera: Camera) -> Iterator[tuple[str, str, Reading]]:
     yield "mirrored", "", partial(_turned, is_mirrored=True)
     yield "flipped", "", partial(_turned, is_flipped=True)
     yield "rolled", "", partial(_turned, is_mirrored=True, is_flipped=True)
-    if camera.wraps:
-        for columns in range(1, min(MOST_COLUMNS, camera.width // 2) + 1):
-            for shift in (columns, -columns):
-                yield f"shifted by {shift} columns", "", partial(_shifted, shift=shift)
     for lens in other_lenses(camera):
         yield "lens", lens.name, partial(_by_lens, camera=camera, lens=lens.camera)
 
@@ -217,11 +216,6 @@ def _turned(
     if is_mirrored:
         columns = width - 1 - columns
     return np.asarray(values[rows, columns])
-
-
-def _shifted(values: Array, rows: Ints, columns: Ints, shift: int) -> Array:
-    """Return the values of a picture shifted to the right by some columns, which wraps."""
-    return np.asarray(values[rows, (columns + shift) % values.shape[1]])
 
 
 def _by_lens(values: Array, rows: Ints, columns: Ints, camera: Camera, lens: Camera) -> Array:
