@@ -18,7 +18,7 @@ from omniscv import light
 from omniscv.arguments import one_of, shown
 from omniscv.cameras import Camera
 from omniscv.cameras.registry import from_dict
-from omniscv.depth.interpolation import LARGEST_PX, sample_bilinear
+from omniscv.depth.interpolation import LARGEST_PX
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Mask
@@ -127,6 +127,7 @@ class Reprojection:
         self._alone: Mask = np.zeros((count, *self._shape), np.bool_)
         self._to = to
         row_blocks(self._find, to.height, to.width * count)
+        self._all_seen = self._seen.all(axis=(1, 2))
         self.valid: Mask = np.asarray(self._seen.any(axis=0))
 
     def __call__(self, image: ArrayLike, *, nearest: bool = False, transfer: str = "unknown") -> NDArray[Any]:
@@ -202,12 +203,14 @@ class Reprojection:
         if picture.dtype.name not in _BLENDED:
             expected = f"image: expected pixels of {', '.join(_BLENDED)} to blend"
             raise ArgumentError(f"{expected}, got {picture.dtype}; filter='nearest' takes any")
-        across = cv2.BORDER_WRAP if self._from.wraps else cv2.BORDER_REPLICATE
-        padded = cv2.copyMakeBorder(picture, 0, 0, 1, 1, across)
-        x = self._x[number].reshape(-1) + np.float32(1)
-        values = sample_bilinear(padded, x, self._y[number].reshape(-1), self._shape[1])
-        values = values.reshape(*self._shape, *picture.shape[2:])
-        values[~self._seen[number]] = 0
+        # Rows are within the picture, so that the border is that of columns.
+        border = cv2.BORDER_WRAP if self._from.wraps else cv2.BORDER_REPLICATE
+        x = self._x[number]
+        y = self._y[number]
+        sampled = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=border)
+        values = np.asarray(sampled).reshape(*self._shape, *picture.shape[2:])
+        if not self._all_seen[number]:
+            values[~self._seen[number]] = 0
         alone = self._alone[number]
         if alone.any():
             values[alone] = self._nearest(picture, number)[alone]
