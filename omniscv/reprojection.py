@@ -21,7 +21,7 @@ from omniscv.cameras.registry import from_dict
 from omniscv.depth.interpolation import LARGEST_PX
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Mask
+from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.geometry.pose import rotation_reader
 from omniscv.parallel import row_blocks
 from omniscv.planning.densities import pixels_per_radian
@@ -127,7 +127,8 @@ class Reprojection:
         self._alone: Mask = np.zeros((count, *self._shape), np.bool_)
         self._to = to
         row_blocks(self._find, to.height, to.width * count)
-        self._all_seen = self._seen.all(axis=(1, 2))
+        self._alone_pixels = [self._pixels_of(number, self._alone[number]) for number in range(count)]
+        self._all_seen: Mask = np.asarray(self._seen.all(axis=(1, 2)))
         self.valid: Mask = np.asarray(self._seen.any(axis=0))
 
     def __call__(self, image: ArrayLike, *, nearest: bool = False, transfer: str = "unknown") -> NDArray[Any]:
@@ -190,13 +191,18 @@ class Reprojection:
             blended &= corner.valid & (chord < limit)
         return blended
 
+    def _pixels_of(self, number: int, chosen: Mask) -> tuple[tuple[Ints, ...], Ints, Ints]:
+        """Return where chosen pixels are, and the row and column that one ray of each meets nearest to it."""
+        column = np.clip(np.rint(self._x[number][chosen]).astype(np.int64), 0, self._from.width - 1)
+        row = np.rint(self._y[number][chosen]).astype(np.int64)
+        return np.nonzero(chosen), row, column
+
     def _nearest(self, picture: NDArray[Any], number: int) -> NDArray[Any]:
         """Return the nearest pixels of one ray of each pixel."""
-        column = np.clip(np.rint(self._x[number]).astype(np.int64), 0, self._from.width - 1)
-        row = np.rint(self._y[number]).astype(np.int64)
-        values = picture[row, column]
-        values[~self._seen[number]] = 0
-        return cast(NDArray[Any], values)
+        seen, row, column = self._pixels_of(number, self._seen[number])
+        values = np.zeros((*self._shape, *picture.shape[2:]), picture.dtype)
+        values[seen] = picture[row, column]
+        return values
 
     def _bilinear(self, picture: NDArray[Any], number: int) -> NDArray[Any]:
         """Return interpolated values of one ray of each pixel."""
@@ -211,9 +217,8 @@ class Reprojection:
         values = np.asarray(sampled).reshape(*self._shape, *picture.shape[2:])
         if not self._all_seen[number]:
             values[~self._seen[number]] = 0
-        alone = self._alone[number]
-        if alone.any():
-            values[alone] = self._nearest(picture, number)[alone]
+        alone, row, column = self._alone_pixels[number]
+        values[alone] = picture[row, column]
         return values
 
     def _mean(self, picture: NDArray[Any], transfer: str) -> NDArray[Any]:

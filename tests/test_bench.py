@@ -20,7 +20,7 @@ def benches(monkeypatch):
     return benches
 
 
-LONG = ("accuracy", "cluster", "growth", "speed", "start", "stores")
+LONG = ("accuracy", "cluster", "growth", "reproject", "speed", "start", "stores")
 """Benches that take a second or more, even quick ones."""
 
 

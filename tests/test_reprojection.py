@@ -9,8 +9,10 @@ from omniscv import Pose
 from omniscv.cameras import create, model, names
 from omniscv.cli import run
 from omniscv.compose.files import read
+from omniscv.dataset import media
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL
+from omniscv.pictures.photo_sphere import read_photo_sphere
 from omniscv.planning.densities import pixels_per_radian
 from omniscv.reprojection import Reprojection
 
@@ -189,3 +191,47 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys, shape, options, expec
     camera = ["--camera", "fisheye-equidistant", "--size", "64x64", *options]
     assert run(["reproject", str(tmp_path / "a.png"), str(tmp_path / "out"), *camera]) == 2
     assert expected in capsys.readouterr().err
+
+
+def cropped(picture, left, top, width, height, **fields):
+    """The bytes of a JPEG that shows a part of a panorama, as a phone writes them."""
+    whole_height, whole_width = picture.shape[:2]
+    columns = (left + np.arange(width)) % whole_width
+    part = np.ascontiguousarray(picture[top : top + height, columns, ::-1])
+    encoded = cv2.imencode(".png", part)[1].tobytes()
+    described = {
+        "ProjectionType": "equirectangular",
+        "CroppedAreaLeftPixels": left, "CroppedAreaTopPixels": top,
+        "CroppedAreaImageWidthPixels": width, "CroppedAreaImageHeightPixels": height,
+        "FullPanoWidthPixels": whole_width, "FullPanoHeightPixels": whole_height, **fields,
+    }  # fmt: skip
+    return media.with_photo_sphere(encoded, {name: str(value) for name, value in described.items()})
+
+
+@pytest.mark.parametrize("left", [20, 100], ids=["in the middle", "across the seam"])
+def test_a_part_of_a_sphere_is_where_its_data_say(tmp_path, left):
+    panorama = create("equirectangular", width=128, height=64)
+    whole = np.round(127 + 100 * shown(panorama, wave)).astype(np.uint8)[..., None].repeat(3, axis=-1)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.png").write_bytes(cropped(whole, left, 10, 60, 30))
+    command = ["reproject", str(tmp_path / "in"), str(tmp_path / "out"), "--camera", "equirectangular"]
+    assert run([*command, "--size", "128x64"]) == 0
+    made = cv2.imread(str(tmp_path / "out" / "a.png"))[..., ::-1]
+    columns = (left + np.arange(60)) % 128
+    np.testing.assert_array_equal(made[10:40][:, columns], whole[10:40][:, columns])
+    assert made.any(axis=-1).sum() <= 60 * 30
+
+
+def test_a_panorama_that_is_made_says_how_its_camera_was_held(tmp_path):
+    whole = np.full((32, 64, 3), 99, np.uint8)
+    tags = {"PoseHeadingDegrees": 30, "PosePitchDegrees": 0, "PoseRollDegrees": 0}
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "held.png").write_bytes(cropped(whole, 0, 0, 64, 32, **tags))
+    cv2.imwrite(str(tmp_path / "in" / "plain.jpg"), whole)
+    command = ["reproject", str(tmp_path / "in"), str(tmp_path / "out"), "--camera", "equirectangular"]
+    assert run([*command, "--size", "64x32", "--yaw", "20"]) == 0
+    held = read_photo_sphere(tmp_path / "out" / "held.png")
+    assert held.heading_deg == pytest.approx(10)  # clockwise; the new camera looks to the left
+    plain = read_photo_sphere(tmp_path / "out" / "plain.jpg")
+    assert plain.heading_deg is None
+    assert (plain.is_cropped, plain.pitch_deg) == (False, 0)

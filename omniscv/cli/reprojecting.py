@@ -14,6 +14,7 @@ from omniscv.progress import Progress
 
 if TYPE_CHECKING:
     from omniscv.cameras import Camera
+    from omniscv.pictures.photo_sphere import PhotoSphere
 
 app = Typer(add_completion=False)
 
@@ -50,7 +51,8 @@ def reproject(
 ) -> None:
     """Show pictures by another camera at the same place, such as 360 photos by a fisheye.
 
-    No depth is needed. Layers beside colours, NAME.labels.png or NAME.depth.exr, keep their values.
+    No depth is needed. Panoramas may be parts of spheres, as their Photo Sphere data say; new panoramas get
+    such data. Layers beside colours, NAME.labels.png or NAME.depth.exr, keep their values.
     """
     from omniscv.pictures import foreign
 
@@ -119,11 +121,18 @@ def _write(file: Path, target: Path, from_: str, set_from: list[str], to: Camera
 
     layer = _layer_of(file)
     row = modalities.get(layer)
+    sphere = None
+    if from_ == "equirectangular" and not set_from:
+        sphere = _sphere_of(file, layer)
     if forms.form_of(target).write is None:
         raise ArgumentError(
             f"{target.name}: expected a form that can be written, such as png, jpg, exr, tiff"
         )
     pixels = files.read(file, layer) if layer != "lit" else foreign.read(file).pixels
+    is_shown = None
+    if sphere is not None and sphere.is_cropped:
+        pixels, is_shown = sphere.whole(pixels)
+        pixels = _filled(pixels, is_shown)
     camera = options.central_camera("--from", from_, (pixels.shape[1], pixels.shape[0]), set_from)
     if from_ == "equirectangular" and not set_from and pixels.shape[1] != 2 * pixels.shape[0]:
         size = f"{pixels.shape[1]}x{pixels.shape[0]}"
@@ -137,6 +146,67 @@ def _write(file: Path, target: Path, from_: str, set_from: list[str], to: Camera
         filter="area" if blended else "nearest",
         transfer="srgb",
     )
+    if is_shown is not None:
+        made[~reprojected(is_shown, from_=camera, to=to, rotation=rotation, filter="nearest")] = 0
     if row.interpolation in ("plane", "direction"):
         made = (made @ rotation).astype(made.dtype)
     files.write_picture(target, made[..., 0] if made.shape[2:] == (1,) else made, row)
+    if layer == "lit":
+        _tag(target, to, rotation, sphere)
+
+
+def _sphere_of(file: Path, layer: str) -> PhotoSphere | None:
+    """Return the Photo Sphere data of a picture, or of the colours beside a layer; None without any."""
+    from omniscv.arguments import within
+    from omniscv.pictures import foreign
+    from omniscv.pictures.photo_sphere import read_photo_sphere
+
+    pictures = [file]
+    if layer != "lit":
+        stem = file.name.partition(".")[0]
+        beside = [path for path in sorted(file.parent.glob(f"{stem}.*")) if _layer_of(path) == "lit"]
+        pictures = [path for path in beside if path.suffix.lower() in foreign.SUFFIXES]
+    for picture in pictures:
+        with within(str(picture)):
+            sphere = read_photo_sphere(picture)
+        if sphere is not None:
+            return sphere
+    return None
+
+
+def _filled(pixels: Any, is_shown: Any) -> Any:
+    """Return a panorama in which what a crop leaves out has the values at the crop's edge.
+
+    Only so do its outermost pixels stay as they are where pixels are blended.
+
+    Args:
+        pixels: (H, W, ...) of the whole panorama.
+        is_shown: (H, W) bool, which of them are of the crop: some columns of some rows.
+    """
+    import numpy as np
+
+    height, width = is_shown.shape
+    rows = np.flatnonzero(is_shown.any(axis=1))
+    row = np.clip(np.arange(height), rows[0], rows[-1])
+    is_column = is_shown.any(axis=0)
+    starts = np.flatnonzero(is_column & ~np.roll(is_column, 1))  # a crop may lie across the seam
+    first = starts[0] if len(starts) else 0
+    last = np.count_nonzero(is_column) - 1
+    behind = (np.arange(width) - first) % width
+    nearer = np.where(behind - last <= width - behind, last, 0)
+    column = (first + np.where(behind <= last, behind, nearer)) % width
+    return pixels[row[:, None], column]
+
+
+def _tag(target: Path, camera: Camera, rotation: Any, sphere: PhotoSphere | None) -> None:
+    """Write Photo Sphere data into a panorama, if its form holds them: how its camera was held."""
+    from omniscv.dataset.media import photo_sphere_fields, refuses, with_photo_sphere
+    from omniscv.geometry import Pose
+
+    if refuses(camera) is not None or target.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        return
+    held = Pose.from_angles((0, 0, 0), *(sphere.angles_deg if sphere is not None else (0.0, 0.0, 0.0)))
+    fields = photo_sphere_fields(camera, Pose(held.position, held.R_w_c @ rotation))
+    if sphere is None or sphere.heading_deg is None:
+        del fields["PoseHeadingDegrees"]  # nobody knows where north is
+    target.write_bytes(with_photo_sphere(target.read_bytes(), fields))

@@ -282,14 +282,14 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> tuple[Pixels, color_t
         pixels = source.read_image(part, 0, first, max(channels) + 1, form)
         if pixels is None or source.has_error:  # half a JPEG has pixels
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        chosen = _channels(pixels, [channel - first for channel in channels])
+        chosen = _some_channels(pixels, [channel - first for channel in channels])
         if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and form == "uint16":
             chosen = 0xFFFF - chosen  # white is 0, which the library knows of 8 bits only
         return chosen, color_tags.of_spec(file, spec, name)
 
 
-def _channels(pixels: Pixels, chosen: Sequence[int]) -> Pixels:
-    """Return some channels of pixels, in C order; the pixels themselves where these are all, in their order."""
+def _some_channels(pixels: Pixels, chosen: Sequence[int]) -> Pixels:
+    """Return some channels of pixels; the pixels themselves where these are all, in their order."""
     count = len(chosen)
     if list(chosen) == list(range(count)):
         return np.ascontiguousarray(pixels[..., :count])
