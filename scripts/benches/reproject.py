@@ -1,9 +1,9 @@
 """Pictures by another camera, from file to file, beside py360convert and ffmpeg's v360 (by PyAV).
 
 Each way reads JPEG files, shows them by the other camera, bilinear and in the same size, and writes JPEG of
-quality 95 (v360: of a quantiser of 2, about as large). Maps are kept by omniscv and v360; py360convert keeps some.
-Figures are CPU times of a picture, which other work on the machine changes little; the best of three turns
-through the folder.
+quality 95 (v360: of a quantiser of 2, about as large). Maps are kept by omniscv and v360; py360convert keeps
+some. Figures are CPU times of a picture, which other work on the machine changes little; the best of three
+turns through the folder.
 """
 
 import shutil
