@@ -142,6 +142,8 @@ def whole_number(name: str, value: object, unit: str = "", *, least: int = 1, mo
 def one_of(name: str, value: object, words: Iterable[str]) -> Any:
     """Return ``value``, one of a few ``words``, or raise ArgumentError with ``name``."""
     known = list(words)
+    if isinstance(value, str) and value:  # what begins so comes first
+        known.sort(key=lambda word: not word.startswith(value))
     if not isinstance(value, str) or value not in known:
         hint = did_you_mean(value, known)
         raise ArgumentError(f"{name}: expected one of {', '.join(known)}; got {shown(value)}{hint}")

@@ -1,5 +1,6 @@
 """The file of a job: YAML, checked key by key. ``example.yaml`` beside this module has every key."""
 
+import inspect
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, replace
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 from omniscv.arguments import shown, stem, stems, within, wrong
 from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
+from omniscv.cameras.registry import model, names
 from omniscv.errors import ArgumentError
 from omniscv.geometry.trajectory import NS, SINCE_1970_NS, Curve, Trajectory
 from omniscv.geometry.trajectory_columns import FRAMES
@@ -194,6 +196,7 @@ def read(description: object, folder: Path) -> Job:
             below = below.get(key) if isinstance(below, Mapping) else None
         if below is not None:
             raise ArgumentError(f"{path}: expected no such key, got {shown(below)}; {instead}")
+    _refuse_parameters(values)
     values = mapping("", values, _FIELDS)
     worlds = values.pop("worlds", None)
     if worlds is not None:
@@ -202,6 +205,19 @@ def read(description: object, folder: Path) -> Job:
     if job.recipe.split is not None and job.recipe.split.by == "world":
         raise ArgumentError("split.by: expected place in a job without 'worlds', got world")
     return job
+
+
+def _refuse_parameters(values: Mapping[str, Any]) -> None:
+    """Refuse a key that is a parameter of the job's cameras: it is meant for these."""
+    described = values.get("cameras")
+    for key in values:
+        if key in _FIELDS or not isinstance(described, Mapping):
+            continue
+        for name, camera in described.items():
+            known = camera.get("model") if isinstance(camera, Mapping) else None
+            if known in names() and key in inspect.signature(model(known)).parameters:
+                meant = f"did you mean cameras.{name}.{key} (--set camera.{key}=...)?"
+                raise ArgumentError(f"unknown key {shown(key)}; {meant}")
 
 
 def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:

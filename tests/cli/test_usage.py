@@ -219,6 +219,23 @@ def test_a_wrong_setting_is_refused(job, capsys):
         assert says in capsys.readouterr().err
 
 
+ONE_LENS = ["render", "--source", "scene://four-wall", "--size", "32x32", "--out", "made"]
+
+
+def test_a_parameter_of_a_camera_is_named_where_it_belongs(capsys):
+    assert run([*ONE_LENS, "--camera", "fisheye-equidistant", "--set", "fov_deg=190"]) == 2
+    place = "cameras.fisheye-equidistant.fov_deg (--set camera.fov_deg=...)?"
+    assert f"unknown key 'fov_deg'; did you mean {place}" in capsys.readouterr().err
+
+
+def test_models_that_begin_as_a_word_are_listed_first(capsys):
+    assert run([*ONE_LENS, "--camera", "fisheye"]) == 2
+    listed = capsys.readouterr().err.partition("expected one of ")[2].partition(";")[0].split(", ")
+    begin = [name.startswith("fisheye") for name in listed]
+    assert begin == sorted(begin, reverse=True)
+    assert sum(begin) > 3
+
+
 def _field(job, path):
     """A value of a job; None where there is none."""
     value = job
