@@ -41,6 +41,9 @@ def score(
     beside: Annotated[
         list[Path] | None, Option(help="Other predictions of the same images, compared; repeatable.")
     ] = None,
+    cameras: Annotated[
+        str, Option(help="Names of a dataset's cameras whose frames count, with commas; all.")
+    ] = "",
     unit: Annotated[float, Option(help="Of predictions, metres: .001 for millimetres.")] = 1.0,
     camera: Annotated[
         str | None, Option(help="The camera of TRUTH that is files: a central model, or a calibration file.")
@@ -82,6 +85,7 @@ def score(
         "bounded": bounded,
         "also": tuple(name for name in also.split(",") if name),
         "protocol": protocol,
+        "cameras": tuple(name for name in cameras.split(",") if name),
         "camera": _lens("--camera", camera, set_ or []),
         "truth_unit_m": truth_unit,
         "predicted_camera": _lens("--predicted-camera", predicted_camera, set_predicted or []),
@@ -139,8 +143,9 @@ def _print(results: Results) -> None:
         cells = []
         for row in rows_of:
             if row.weights == "by_solid_angle":
-                cells.append((row.measure, f"{row.mean:+.4g}", f"[{row.low:+.4g}, {row.high:+.4g}]"))
-        console.line(f"{name} less {next(iter(results))}, by solid angle, {rows_of[0].scenes} scenes:")
+                cells.append((row.measure, f"{row.mean:+.4g}", row.interval))
+        scenes = f"{rows_of[0].scenes} {'scene' if rows_of[0].scenes == 1 else 'scenes'}"
+        console.line(f"{name} less {next(iter(results))}, by solid angle, {scenes}:")
         console.table(("measure", "difference", "95 %"), cells)
 
 
@@ -153,7 +158,7 @@ def _print_counts(scored: Any) -> None:
     if lost:
         console.error(f"{lost} pixels are left out: aligned with a shift, their depth is 0 or less")
     counts = f"{compared} pixels compared, {in_doubt} in doubt left out, {missing} without a prediction"
-    console.line(f"{len(scored)} images: {counts}")
+    console.line(f"{len(scored)} {'image' if len(scored) == 1 else 'images'}: {counts}")
     for item in scored:
         for mistake in item.mistakes:
             console.error(f"{item.name} {mistake.line()}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints
 from omniscv.score.running import WEIGHTS, Scored
 
 DRAWS = 2000
@@ -27,16 +28,28 @@ class Difference(NamedTuple):
         weights: ``by_pixel`` or ``by_solid_angle``.
         measure: its name.
         mean: over images.
-        low, high: within which 95 % of the draws of scenes lie; NaN for one scene.
+        low, high: within which 95 % of the draws of scenes lie; None for one scene.
         scenes: that were drawn from.
     """
 
     weights: str
     measure: str
     mean: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     scenes: int
+
+    @property
+    def interval(self) -> str:
+        """The interval for people."""
+        if self.low is None or self.high is None:
+            return "one scene: unknown"
+        return f"[{self.low:+.4g}, {self.high:+.4g}]"
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the interval leaves out 0."""
+        return self.low is not None and self.high is not None and self.low * self.high > 0
 
 
 def differences(first: Sequence[Scored], second: Sequence[Scored]) -> list[Difference]:
@@ -60,16 +73,24 @@ def differences(first: Sequence[Scored], second: Sequence[Scored]) -> list[Diffe
             values = []
             for item in first:
                 values.append(others[item.name].figures(weights)[measure] - item.figures(weights)[measure])
-            sums = np.bincount(index, values)
-            sizes = np.bincount(index)
-            means = counts @ sums / (counts @ sizes)
-            low, high = np.quantile(means, ((1 - _SHARE) / 2, (1 + _SHARE) / 2))
-            if len(scenes) == 1:
-                low = high = np.nan
-            rows.append(
-                Difference(weights, measure, float(np.mean(values)), float(low), float(high), len(scenes))
-            )
+            low, high = _interval(np.array(values), index, counts)
+            rows.append(Difference(weights, measure, float(np.mean(values)), low, high, len(scenes)))
     return rows
+
+
+def _interval(values: Array, index: Ints, counts: Array) -> tuple[float | None, float | None]:
+    """Return the ends of the interval of a mean of values (N,) of images; None for one scene.
+
+    Args:
+        values: (N,) of images.
+        index: (N,) of their scenes.
+        counts: (draws, scenes) how often each scene is drawn.
+    """
+    if counts.shape[1] == 1:
+        return None, None
+    means = counts @ np.bincount(index, values) / (counts @ np.bincount(index))
+    low, high = np.quantile(means, ((1 - _SHARE) / 2, (1 + _SHARE) / 2))
+    return float(low), float(high)
 
 
 def _drawn(count: int) -> Array:

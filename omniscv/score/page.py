@@ -126,11 +126,9 @@ def _differences(first: str, other: str, rows: Sequence[Difference]) -> str:
     for row in rows:
         if row.weights != "by_solid_angle":
             continue
-        is_clear = row.low > 0 or row.high < 0
-        within = f"{row.low:+.3g} to {row.high:+.3g}" if row.scenes > 1 else "one scene: unknown"
-        mark = ' class="clear"' if is_clear else ""
+        mark = ' class="clear"' if row.is_clear else ""
         lines.append(
-            f"<tr{mark}><th>{html.escape(row.measure)}</th><td>{row.mean:+.4g}</td><td>{within}</td></tr>"
+            f"<tr{mark}><th>{html.escape(row.measure)}</th><td>{row.mean:+.4g}</td><td>{row.interval}</td></tr>"
         )
     title = f"{html.escape(other)} less {html.escape(first)}"
     scenes = rows[0].scenes if rows else 0

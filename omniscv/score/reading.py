@@ -1,7 +1,7 @@
 """Predictions and truth in folders and files, matched by their names."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import dataset, storage
-from omniscv.arguments import shown, within
+from omniscv.arguments import one_of, shown, within
 from omniscv.cameras import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.compose import files
@@ -64,7 +64,11 @@ class Truth:
 
 
 def truths(
-    folder: str | Path, what: str = "depth", lens: Lens | None = None, unit_m: float = 1.0
+    folder: str | Path,
+    what: str = "depth",
+    lens: Lens | None = None,
+    unit_m: float = 1.0,
+    cameras: Sequence[str] = (),
 ) -> Iterator[Truth]:
     """Yield the truth of each image of a dataset, of a folder that ``render`` wrote, or of files.
 
@@ -74,17 +78,26 @@ def truths(
         lens: the camera of files, which are all in the folder that can be a prediction; None: the dataset or
             the images say it.
         unit_m: of files, metres.
+        cameras: names of those of a dataset whose frames count; empty: all.
 
     Raises:
-        ArgumentError: no such folder, or images without that truth.
+        ArgumentError: no such folder, images without that truth, or no camera of such a name.
     """
     if lens is not None:
         yield from _of_files(Path(folder), what, lens, unit_m)
         return
     if is_dataset(storage.folder(folder)):
-        for frame in dataset.open(folder):
-            yield _of_frame(frame, what)
+        frames = list(dataset.open(folder))
+        for name in cameras:
+            one_of("cameras", name, dict.fromkeys(frame.camera_name for frame in frames))
+        for frame in frames:
+            if not cameras or frame.camera_name in cameras:
+                yield _of_frame(frame, what)
         return
+    if cameras:
+        raise ArgumentError(
+            f"cameras: expected a dataset, got {folder}, whose images have no names of cameras"
+        )
     descriptions = sorted(Path(folder).glob("*.json"))
     images = 0
     for path in descriptions:

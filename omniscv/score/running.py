@@ -49,6 +49,7 @@ class Options:
             :func:`omniscv.score.depth`.
         also: some of :data:`ALSO`.
         protocol: one of :data:`omniscv.score.protocols.PROTOCOLS`; empty: none.
+        cameras: names of a dataset's cameras whose frames count; empty: all.
         camera: of truth that is files; None: a dataset or images say theirs.
         truth_unit_m: of such files, metres.
         predicted_camera: of predictions, which are compared where their own pixels are; None: the truth's.
@@ -64,6 +65,7 @@ class Options:
     bounded: bool = False
     also: tuple[str, ...] = ()
     protocol: str = ""
+    cameras: tuple[str, ...] = ()
     camera: Lens | None = None
     truth_unit_m: float = 1.0
     predicted_camera: Lens | None = None
@@ -184,7 +186,7 @@ def score(
     if chosen.per == "set" and chosen.align != "none":
         lines = _lines_of_set(predictions, truth, chosen)
     scored = []
-    for image in truths(truth, chosen.what, chosen.camera, chosen.truth_unit_m):
+    for image in _truths(truth, chosen):
         item, error = _scored(predictions, image, chosen, lines)
         scored.append(item)
         keep(item, error)
@@ -192,10 +194,15 @@ def score(
     return scored
 
 
+def _truths(truth: str | Path, options: Options) -> Iterator[Truth]:
+    """Return the truth of each image."""
+    return truths(truth, options.what, options.camera, options.truth_unit_m, options.cameras)
+
+
 def _lines_of_set(predictions: Path, truth: str | Path, options: Options) -> tuple[Line, Line]:
     """Return the alignments of all images together, by pixel and by solid angle."""
     fits = Fit(options.align), Fit(options.align)
-    for image in truths(truth, options.what, options.camera, options.truth_unit_m):
+    for image in _truths(truth, options):
         pair = _pair(predictions, image, options)
         where = pair.compared.where
         p = pair.along[where]

@@ -97,3 +97,18 @@ def test_lens_files_are_pycolmaps(name, reference):
     ahead = rays.valid & (rays.directions[..., 2] > 0.1)
     pixels = camera.img_from_cam(rays.directions[ahead])
     np.testing.assert_allclose(pixels, frame.camera.pixels()[ahead], atol=1e-6)
+
+
+def test_what_looks_at_no_picture_is_scored(reference):
+    runpy.run_path(str(ROOT / "scripts/make-reference"))["score_trivial"](reference)
+    report = json.loads((reference / "score/report.json").read_text())
+    assert report["prediction"] == "constant"
+    assert len(report["images"]) == 4
+    depths = [frame.layer("depth") for frame in dataset.open(reference / "set")]
+    known = np.concatenate([depth[np.isfinite(depth) & (depth > 0)] for depth in depths])
+    depth = next(frame.layer("depth") for frame in dataset.open(reference / "set"))
+    guess = np.load(next((reference / "trivial/constant").glob("*.npy")))
+    assert guess.shape == depth.shape
+    assert (guess == np.float32(np.median(known))).all()
+    worst = report["mean"]["by_solid_angle"]["abs_rel"]
+    assert report["beside"]["median"]["mean"]["by_solid_angle"]["abs_rel"] < worst < 1
