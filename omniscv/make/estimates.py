@@ -2,7 +2,8 @@
 
 import logging
 import time
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from omniscv import planning
 from omniscv.cameras import Camera
 from omniscv.cameras.rolling_shutter import path_of, without_path
+from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
@@ -26,6 +28,7 @@ from omniscv.make.contents import check
 from omniscv.make.dataset import Part, run_part
 from omniscv.make.instants import InstantViews, SharedFrames, frames_by_instant, images_of, renderer_at
 from omniscv.make.source import opened
+from omniscv.parallel import ahead
 from omniscv.planning import Plan
 from omniscv.planning.sharing import Cost, cost
 from omniscv.progress import in_phase, phase
@@ -41,6 +44,8 @@ _PLANNED_POSES = 3
 _DECIMALS = 7  # of the positions of cameras of one pose, metres
 _SMALLER = 4  # how many times narrower the smaller of two captures is, whose difference is that of pixels
 _LEAST_PX = 16  # edge of a smaller capture
+_MORE_POSES = 3  # whose images are measured where those of the first pose came soon
+_SOON_S = 4.0
 _PAUSE = 10  # times of captures that are so many times the median lie between two sessions
 _log = logging.getLogger("omniscv")
 _Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
@@ -247,25 +252,27 @@ class _TimedSource(SourceWrapper):
 def measured_pace(job: Job, source: Source, opening_s: float) -> Pace:
     """Measure what a job takes by two captures of each mode, and the images of its first pose.
 
+    Where these come soon, they only prepare what is made once, and the images of the next poses are measured.
+
     Args:
         job: with its poses.
         source: of the job, open.
         opening_s: that opening it took.
     """
-    shared = next(frames_by_instant(job, range(1)))
+    planned = list(frames_by_instant(job, range(min(1 + _MORE_POSES, len(job.poses)))))
+    shared = planned[0]
     renderer = Renderer(source)
     with renderer_at(renderer, shared.instant) as renderer_then:
         camera, pose = shared.captured[0][1][0]
         edge = renderer_then.plan(camera, pose, options=job.options).edge
         modes = job.options.sampled(job.captured)
         price = _measured_price(renderer_then.source, pose, modes, edge)
-    spent = _Spent()
-    started = time.perf_counter()
-    with TemporaryDirectory(prefix="omniscv-") as folder:
-        out = Path(folder) / "measured"
-        _make_first(replace(job, out=out, record=None), _TimedSource(source, spent), shared)
+    seconds, spent = _measured_images(job, source, planned[:1])
     count = len(shared.frames)
-    image_s = time.perf_counter() - started - spent.captured_s - spent.rays_s
+    if seconds < _SOON_S and len(planned) > 1:
+        seconds, spent = _measured_images(job, source, planned[1:])
+        count = sum(len(shared.frames) for shared in planned[1:])
+    image_s = max(0.0, seconds - spent.captured_s - spent.rays_s)
     expected_ms = price.of(spent.requests, spent.pixels)
     if expected_ms > 0:
         faster = 1e3 * spent.captured_s / expected_ms
@@ -275,15 +282,34 @@ def measured_pace(job: Job, source: Source, opening_s: float) -> Pace:
     return pace
 
 
-def _make_first(job: Job, source: Source, shared: SharedFrames) -> None:
-    """Compose and write the images of the first pose: of a dataset with their truths."""
+def _measured_images(job: Job, source: Source, planned: Sequence[SharedFrames]) -> tuple[float, _Spent]:
+    """Return the seconds in which images were made, and what the source spent of them."""
+    spent = _Spent()
+    timed = _TimedSource(source, spent)
+    started = time.perf_counter()
+    with TemporaryDirectory(prefix="omniscv-") as folder:
+        _make(replace(job, out=Path(folder) / "measured", record=None), timed, planned)
+    return time.perf_counter() - started, spent
+
+
+def _make(job: Job, source: Source, planned: Sequence[SharedFrames]) -> None:
+    """Compose and write planned images, one while the next is composed: of a dataset with their truths."""
     if job.recipe != Recipe():
-        plain = replace(job, recipe=replace(job.recipe, exports=()))
-        run_part(plain, Part(), source=source, chosen={frame.key for frame in shared.frames})
+        keys = {frame.key for shared in planned for frame in shared.frames}
+        run_part(replace(job, recipe=replace(job.recipe, exports=())), Part(), source=source, chosen=keys)
         return
-    images = images_of(Renderer(source), shared, job)
-    for frame, image in zip(shared.frames, images, strict=True):
-        image.save(Path(job.out), frame.key, job.image_format, job.store, job.depth_format)
+    renderer = Renderer(source)
+
+    def save(shared: SharedFrames, image: OmniImage, number: int) -> None:
+        key = shared.frames[number].key
+        image.save(Path(job.out), key, job.image_format, job.store, job.depth_format)
+
+    def images() -> Iterator[tuple[SharedFrames, OmniImage, int]]:
+        for shared in planned:
+            for number, image in enumerate(images_of(renderer, shared, job)):
+                yield shared, image, number
+
+    deque(ahead(lambda made: save(*made), images(), 1), maxlen=0)
 
 
 def _measured_price(source: Source, pose: Pose, modes: tuple[str, ...], edge: int) -> Price:
