@@ -19,10 +19,17 @@ from omniscv.make import make
 LENSES = ("pinhole", "kannala-brandt")
 
 
+def load_script():
+    """The script's names; it takes the scenes from a module beside it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "scripts"))
+        return runpy.run_path(str(ROOT / "scripts/make-reference"))
+
+
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """An eighth of the size, two poses, the two lenses that other programs hold."""
-    script = runpy.run_path(str(ROOT / "scripts/make-reference"))
+    script = load_script()
     folder = tmp_path_factory.mktemp("reference")
     job = script["described"](8)
     job |= {"cameras": {name: job["cameras"][name] for name in LENSES}, "poses": job["poses"][:2]}
@@ -100,7 +107,7 @@ def test_lens_files_are_pycolmaps(name, reference):
 
 
 def test_what_looks_at_no_picture_is_scored(reference):
-    runpy.run_path(str(ROOT / "scripts/make-reference"))["score_trivial"](reference)
+    load_script()["score_trivial"](reference)
     report = json.loads((reference / "score/report.json").read_text())
     assert report["prediction"] == "constant"
     assert len(report["images"]) == 4
