@@ -9,7 +9,7 @@ assert run(["render", "--source", "{}://four-wall", "--size", "16x8", "--out", s
 WITHOUT = {
     "import omniscv.cameras": {"scipy", "numba", "cv2", "matplotlib", "yaml"},
     "import omniscv.sources": {"numba"},
-    RENDER.format("scene"): {"matplotlib", "unrealcv", "ssl", "scipy.sparse", "numba"},
+    RENDER.format("scene"): {"matplotlib", "unrealcv", "ssl", "scipy.sparse", "numba", "embreex", "trimesh"},
     RENDER.format("mock"): {
         "scipy.spatial",
         "scipy.ndimage",

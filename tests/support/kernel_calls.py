@@ -153,7 +153,7 @@ def _use_mesh(generator: np.random.Generator) -> None:
     rays = generator.normal(size=(500, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     hits = tracer.trace(np.zeros(3), rays)
-    tracer.beyond(np.zeros(3), rays, hits)
+    tracer.following(np.zeros(3), rays, hits.distance, np.full(500, -1, np.int32))
     material = Material(texture=Texture(generator.integers(0, 256, (4, 4, 4), np.uint8)))
     skin = Skin(
         faces, np.zeros(100, np.int32), vertices[:, :2].astype(np.float32), np.ones((300, 4), np.float32)

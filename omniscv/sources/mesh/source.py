@@ -34,8 +34,8 @@ from omniscv.sources.base import (
 from omniscv.sources.mesh.files import read_mesh
 from omniscv.sources.mesh.model import Model, digest, open_edges
 from omniscv.sources.mesh.settings import Settings
-from omniscv.sources.mesh.tracing import Hits
-from omniscv.sources.mesh.world import MeshWorld, Resting
+from omniscv.sources.mesh.tracing import Hits, require_embree
+from omniscv.sources.mesh.world import MeshWorld, Part, Resting, part_of
 from omniscv.sources.registry import split_address
 from omniscv.sources.rendered import Rendered
 
@@ -65,6 +65,7 @@ class MeshSource(Rendered):
     """
 
     def __init__(self, path: Path, settings: Settings) -> None:
+        require_embree()
         with within(str(path)):
             model = Model.of(read_mesh(path, settings.labels), settings)
             appearance = {option.name: getattr(settings, option.name) for option in fields(settings)}
@@ -209,7 +210,9 @@ class _Worlds:
         self.closed = False
         self._resting = resting
         self._lock = threading.Lock()
+        self._resting_lock = threading.Lock()
         self._kept: OrderedDict[Any, MeshWorld] = OrderedDict()
+        self._unmoved: OrderedDict[frozenset[str], Part | None] = OrderedDict()
 
     def get(self, poses: Mapping[str, Pose], hidden: Collection[str]) -> MeshWorld:
         """Return the mesh with some objects moved and some hidden."""
@@ -219,15 +222,28 @@ class _Worlds:
         key = (tuple(moved), frozenset(hidden))
         with self._lock:
             if key not in self._kept:
-                self._kept[key] = MeshWorld(self._resting, poses, hidden)
+                self._kept[key] = MeshWorld(self._resting, poses, hidden, self._without)
                 if len(self._kept) > _KEPT_WORLDS:
                     self._kept.popitem(last=False)
             self._kept.move_to_end(key)
             return self._kept[key]
 
+    def _without(self, names: frozenset[str]) -> Part | None:
+        """Return the mesh at rest without some objects: instants that move the same ones share it."""
+        with self._resting_lock:
+            if names not in self._unmoved:
+                model = self._resting.model
+                others = set(model.names) - names
+                self._unmoved[names] = part_of(self._resting, model.vertices, others)
+                if len(self._unmoved) > _KEPT_WORLDS:
+                    self._unmoved.popitem(last=False)
+            self._unmoved.move_to_end(names)
+            return self._unmoved[names]
+
     def close(self) -> None:
         self.closed = True
         self._kept.clear()
+        self._unmoved.clear()
 
 
 def open_mesh(address: str, **options: Any) -> MeshSource:

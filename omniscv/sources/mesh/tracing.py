@@ -6,7 +6,9 @@ intersected in float64. Rays that pass beside it, or through a face that is not 
 their first hit in a tree of boxes, in float64 alone.
 """
 
+from collections.abc import Sequence
 from functools import cached_property
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,9 +71,6 @@ class Tracer:
         vertices: (N, 3) metres, world frame.
         faces: (M, 3) int32; at least one.
         one_sided: (M,) whether rays pass a face from behind.
-
-    Raises:
-        SourceError: embreex is not installed.
     """
 
     def __init__(self, vertices: Array, faces: Ints32, one_sided: NDArray[np.bool_]) -> None:
@@ -113,12 +112,18 @@ class Tracer:
             weights[rows] = hits.weights
         return Hits(distance, self._faces_of(place), weights)
 
-    def beyond(self, origins_w: Array, directions_w: Array, hits: Hits) -> Hits:
-        """Return what the same rays meet next, behind what they met: what lies at the same distance, too."""
+    def following(self, origins_w: Array, directions_w: Array, distance: Array, place: Ints32) -> Hits:
+        """Return what rays meet behind a distance, or at it and of a place above one; see :meth:`places`.
+
+        Args:
+            origins_w, directions_w: as of :meth:`trace`.
+            distance: (N,) metres.
+            place: (N,) int32; -1 includes all that lies at the distance, the number of faces none of it.
+        """
         directions = np.ascontiguousarray(directions_w, np.float64)
         origins = np.ascontiguousarray(np.broadcast_to(origins_w - self._middle, directions.shape))
-        following = self._search(origins, directions, hits.distance, self._places[hits.face])
-        return following._replace(face=self._faces_of(following.face))
+        found = self._search(origins, directions, distance, place)
+        return found._replace(face=self._faces_of(found.face))
 
     def _search(
         self, origins: Array, directions: Array, after: Array | None = None, behind: Ints32 | None = None
@@ -145,21 +150,74 @@ class Tracer:
         return np.where(place < 0, np.int32(-1), self._order.take(place, mode="clip")).astype(np.int32)
 
     @cached_property
-    def _places(self) -> Ints32:
-        """(M,) the place of each face in the order of the tree."""
+    def places(self) -> Ints32:
+        """(M,) the place of each face among faces at one distance."""
         places = np.empty(len(self._order), np.int32)
         places[self._order] = np.arange(len(self._order), dtype=np.int32)
         return places
 
 
+class JoinedTracers:
+    """Several tracers as one: rays meet the nearest of what each meets, of equal distances the first one's.
+
+    Args:
+        tracers: at least one.
+        numbers: the numbers of each one's faces among all faces.
+        count: of all faces.
+    """
+
+    def __init__(self, tracers: Sequence[Tracer], numbers: Sequence[Ints32], count: int) -> None:
+        self._tracers = tracers
+        self._numbers = numbers
+        self._owner = np.zeros(count, np.int32)
+        self._place = np.zeros(count, np.int32)
+        for i, (tracer, own) in enumerate(zip(tracers, numbers, strict=True)):
+            self._owner[own] = i
+            self._place[own] = tracer.places
+
+    def trace(self, origins_w: Array, directions_w: Array) -> Hits:
+        """As :meth:`Tracer.trace`; ``face`` counts all faces."""
+        return self._nearest([tracer.trace(origins_w, directions_w) for tracer in self._tracers])
+
+    def beyond(self, origins_w: Array, directions_w: Array, hits: Hits) -> Hits:
+        """Return what the same rays meet next, behind what they met: what lies at the same distance, too."""
+        owner = self._owner[hits.face]
+        found = []
+        for i, tracer in enumerate(self._tracers):
+            place = np.where(owner < i, np.int32(-1), np.int32(len(self._numbers[i])))
+            place = np.where(owner == i, self._place[hits.face], place)
+            found.append(tracer.following(origins_w, directions_w, hits.distance, place.astype(np.int32)))
+        return self._nearest(found)
+
+    def _nearest(self, found: Sequence[Hits]) -> Hits:
+        """Return the nearest of what the tracers met."""
+        nearest = self._numbered(0, found[0])
+        for i in range(1, len(found)):
+            other = self._numbered(i, found[i])
+            closer = other.distance < nearest.distance
+            nearest.distance[closer] = other.distance[closer]
+            nearest.face[closer] = other.face[closer]
+            nearest.weights[closer] = other.weights[closer]
+        return nearest
+
+    def _numbered(self, i: int, hits: Hits) -> Hits:
+        """Return hits of one tracer with the numbers of all faces."""
+        face = np.where(hits.face < 0, np.int32(-1), self._numbers[i].take(hits.face, mode="clip"))
+        return hits._replace(face=face.astype(np.int32))
+
+
+def require_embree() -> None:
+    """Raise SourceError where embreex is not installed."""
+    if find_spec("embreex") is None:
+        platforms = "which there is for Linux on x86-64, for Windows and for macOS on ARM"
+        raise SourceError(f"expected embreex, {platforms}; install omniscv[mesh]")
+
+
 def _embree_scene(corners: NDArray[np.float32]) -> Any:
     """Return a scene of Embree of triangles (M, 3, 3)."""
-    try:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-    except ImportError as cause:
-        platforms = "which there is for Linux on x86-64, for Windows and for macOS on ARM"
-        raise SourceError(f"expected embreex, {platforms}; install omniscv[mesh]") from cause
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
     scene = EmbreeScene()
     TriangleMesh(scene, corners)
     return scene

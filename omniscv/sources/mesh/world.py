@@ -1,6 +1,7 @@
 """A mesh at an instant: objects moved and hidden, what rays meet, and the colours there."""
 
-from collections.abc import Collection, Mapping
+import threading
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from omniscv.sources.base import Traced
 from omniscv.sources.mesh.materials import Palette, Skin, codes_of_light, palette, shades
 from omniscv.sources.mesh.model import Model
 from omniscv.sources.mesh.settings import Settings
-from omniscv.sources.mesh.tracing import Hits, Tracer
+from omniscv.sources.mesh.tracing import Hits, JoinedTracers, Tracer
 
 _AMBIENT = 0.25
 """Share of the light that surfaces get that the lamp does not reach."""
@@ -50,6 +51,23 @@ class Resting(NamedTuple):
         return cls(model, settings, materials, one_sided[kind], materials.cutoff[kind] > 0, lit[kind])
 
 
+class Part(NamedTuple):
+    """Some faces of a mesh that rays can be traced through, and their numbers."""
+
+    tracer: Tracer
+    faces: NDArray[np.int32]
+
+
+def part_of(resting: Resting, vertices: Array, names: Collection[str]) -> Part | None:
+    """Return the faces of some objects, with vertices (N, 3) where they are; None for no faces."""
+    model = resting.model
+    labels = [1 + model.names.index(name) for name in names]
+    rows = np.flatnonzero(np.isin(model.label, labels)).astype(np.int32)
+    if not len(rows):
+        return None
+    return Part(Tracer(vertices, model.faces[rows], resting.one_sided[rows]), rows)
+
+
 class MeshWorld:
     """A mesh with some objects moved and some hidden.
 
@@ -57,14 +75,22 @@ class MeshWorld:
         resting: the mesh as its file describes it.
         poses: of the objects that are moved; at rest an object's pose is the middle of its box, not turned.
         hidden: names of the objects that are left out.
+        unmoved: returns the mesh at rest without some objects.
     """
 
-    def __init__(self, resting: Resting, poses: Mapping[str, Pose], hidden: Collection[str]) -> None:
+    def __init__(
+        self,
+        resting: Resting,
+        poses: Mapping[str, Pose],
+        hidden: Collection[str],
+        unmoved: Callable[[frozenset[str]], Part | None],
+    ) -> None:
         model = resting.model
         self._resting = resting
         self._poses = poses
-        hidden_labels = [1 + model.names.index(name) for name in hidden]
-        self._shown = np.flatnonzero(~np.isin(model.label, hidden_labels)).astype(np.int32)
+        self._hidden = frozenset(hidden)
+        self._unmoved = unmoved
+        self._lock = threading.Lock()
         vertices = model.vertices
         if poses:
             vertices = vertices.copy()
@@ -73,13 +99,24 @@ class MeshWorld:
             vertices[rows] = (vertices[rows] - middle(model, name)) @ pose.rotation.T + pose.position
         self._vertices = vertices
 
+    @property
+    def _tracer(self) -> JoinedTracers | None:
+        """The faces that are shown; None where all are hidden."""
+        with self._lock:
+            return self._joined
+
     @cached_property
-    def _tracer(self) -> Tracer | None:
-        """The faces that are shown, made for the first ray; None where all are hidden."""
-        if not len(self._shown):
+    def _joined(self) -> JoinedTracers | None:
+        """What rests, which instants share, and what is moved, made for the first ray."""
+        moved = self._poses.keys() - self._hidden
+        parts = [self._unmoved(self._hidden | moved)]
+        if moved:
+            parts.append(part_of(self._resting, self._vertices, moved))
+        shown = [part for part in parts if part is not None]
+        if not shown:
             return None
-        faces = self._resting.model.faces[self._shown]
-        return Tracer(self._vertices, faces, self._resting.one_sided[self._shown])
+        count = len(self._resting.model.faces)
+        return JoinedTracers([part.tracer for part in shown], [part.faces for part in shown], count)
 
     @cached_property
     def _skin(self) -> Skin:
@@ -93,16 +130,16 @@ class MeshWorld:
             origins_w: (N, 3) metres, world frame; or (3,), of all rays.
             directions_w: (N, 3) unit vectors, world frame.
         """
-        if self._tracer is None:
+        tracer = self._tracer
+        if tracer is None:
             count = len(directions_w)
             return Hits(np.full(count, np.inf), np.full(count, -1, np.int32), np.zeros((count, 2)))
-        hits = self._tracer.trace(origins_w, directions_w)
+        hits = tracer.trace(origins_w, directions_w)
         if self._resting.has_holes.any():
-            self._pass_holes(self._tracer, np.broadcast_to(origins_w, directions_w.shape), directions_w, hits)
-        face = np.where(hits.face < 0, np.int32(-1), self._shown.take(hits.face, mode="clip"))
-        return hits._replace(face=face.astype(np.int32))
+            self._pass_holes(tracer, np.broadcast_to(origins_w, directions_w.shape), directions_w, hits)
+        return hits
 
-    def _pass_holes(self, tracer: Tracer, origins_w: Array, directions_w: Array, hits: Hits) -> None:
+    def _pass_holes(self, tracer: JoinedTracers, origins_w: Array, directions_w: Array, hits: Hits) -> None:
         """Replace hits at holes by what lies behind them, in place."""
         rows = np.flatnonzero(self._in_holes(hits))
         while len(rows):
@@ -114,13 +151,12 @@ class MeshWorld:
             rows = rows[self._in_holes(following)]
 
     def _in_holes(self, hits: Hits) -> NDArray[np.bool_]:
-        """Return (N,) whether what rays met has a hole there; ``face`` counts the faces that are shown."""
+        """Return (N,) whether what rays met has a hole there."""
         resting = self._resting
         result = np.zeros(len(hits.face), np.bool_)
-        face = self._shown.take(hits.face, mode="clip")
-        rows = np.flatnonzero((hits.face >= 0) & resting.has_holes[face])
+        rows = np.flatnonzero((hits.face >= 0) & resting.has_holes.take(hits.face, mode="clip"))
         if len(rows):
-            own = np.ascontiguousarray(face[rows])
+            own = np.ascontiguousarray(hits.face[rows])
             alpha = shades(resting.palette, self._skin, own, hits.weights[rows])[:, 3]
             result[rows] = alpha < resting.palette.cutoff[resting.model.material[own]]
         return result

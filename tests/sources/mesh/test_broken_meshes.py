@@ -14,7 +14,7 @@ from support import mesh_files
 from support.mesh_files import FACES, Builder, corners_w, png, y_up
 
 import omniscv
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, SourceError
 
 
 def changed(change, before=lambda built: None):
@@ -316,3 +316,12 @@ def test_open_edges_are_counted_by_place_and_a_closed_mesh_has_none(closed, tmp_
     with caplog.at_level(logging.WARNING), omniscv.open_source(f"mesh://{tmp_path}/ball.ply"):
         said = [record.getMessage() for record in caplog.records]
     assert [text.split(": ")[-1].split()[0] for text in said] == ([] if closed else ["3"])
+
+
+def test_where_there_is_no_embree_one_line_says_so(tmp_path, monkeypatch):
+    from omniscv.sources.mesh import tracing
+
+    mesh_files.plain_glb(tmp_path / "room.glb")
+    monkeypatch.setattr(tracing, "find_spec", lambda name: None)
+    with pytest.raises(SourceError, match="expected embreex, which there is for Linux"):
+        omniscv.open_source(f"mesh://{tmp_path}/room.glb")

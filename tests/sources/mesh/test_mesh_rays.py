@@ -6,7 +6,7 @@ import trimesh
 from support.meshes import Truth, directions, write_room
 
 import omniscv
-from omniscv.sources.mesh.tracing import Tracer
+from omniscv.sources.mesh.tracing import JoinedTracers, Tracer
 
 ROUNDED_M = 1e-6
 """GLB files hold float32: half a digit of 3 m is 1.2e-7 m, and more along grazing rays."""
@@ -101,8 +101,11 @@ def test_one_sided_faces_are_passed_from_behind_even_where_another_lies_on_them(
 
 
 def test_what_lies_behind_follows_in_order_equal_distances_included():
+    """Of two tracers that are joined: what lies at one distance is of both."""
     corners = np.array([[[-1, -1, z], [1, -1, z], [0, 1, z]] for z in (1.0, 1.0, 2.0, 3.0, 3.0)])
-    pile = tracer(corners)
+    even = np.array([0, 2, 4], np.int32)
+    odd = np.array([1, 3], np.int32)
+    pile = JoinedTracers([tracer(corners[even]), tracer(corners[odd])], [even, odd], 5)
     rays = np.array([[0.0, 0.0, 1.0]])
     met = [pile.trace(np.zeros(3), rays)]
     for _ in range(5):
