@@ -94,7 +94,7 @@ def make(
             job = run.with_poses(job)
             chosen = None if limit is None else chosen_keys(job, limit)
             count, made = run.make_parts(job, chosen)
-    finish(job, count, warn)
+    finish(job, count, warn, limited=chosen is not None)
     return made
 
 

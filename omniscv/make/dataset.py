@@ -226,7 +226,7 @@ def _make(job: Job, part: Part, how: _How, existing: str, limit: int | None, *, 
         return made
     missing = _count_missing(worlds, unfinished, chosen)
     if not missing:
-        finish(job, part.count, how.warn)
+        finish(job, part.count, how.warn, limited=chosen is not None)
     return replace(made, missing=missing)
 
 
@@ -556,7 +556,7 @@ def _all_names(job: Job) -> dict[str, int]:
     return ids
 
 
-def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
+def finish(job: Job, count: int, warn: Callable[[str], None] | None = None, *, limited: bool = False) -> None:
     """Finish the dataset of a ``job`` whose ``count`` parts are made.
 
     Their markers are joined into ``frames.jsonl``, exports are written, and the markers are removed, with
@@ -566,6 +566,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         job: whose dataset is finished.
         count: of its parts.
         warn: called with lines about objects that are missing, splits and exports.
+        limited: whether only some frames were made, of which splits have no shares yet.
 
     Raises:
         DatasetError: the marker of a part is missing or damaged, or more frames failed than may.
@@ -579,7 +580,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         frames = _write_lists(job, folder, made, failed)
         if warn is None:
             warn = _ignore
-        for line in _frame_warnings(job, frames):
+        for line in _frame_warnings(job, frames, limited):
             warn(line)
         for line in _export_all(job, folder):
             warn(line)
@@ -654,12 +655,12 @@ def _write_lists(
     return list(frames.values())
 
 
-def _frame_warnings(job: Job, frames: Sequence[Frame]) -> Iterator[str]:
+def _frame_warnings(job: Job, frames: Sequence[Frame], limited: bool) -> Iterator[str]:
     """Yield a line if a world has left objects out of frames, and lines about splits."""
     lacking = sum(bool(frame.watch) for frame in frames)
     if lacking:
         yield f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}"
-    if job.recipe.split:
+    if job.recipe.split and not limited:
         fixed = {world.world for world in job.worlds if world.world_split}
         free = [frame for frame in frames if frame.world not in fixed]
         yield from split_warnings(job.recipe.split, free)

@@ -137,3 +137,12 @@ def test_new_places_move_no_frames(tmp_path):
     assert first.count("val") == 1
     assert made_at(tmp_path, 7)[:5] == first
     assert manifest.read(tmp_path / "out").settings["splits"]["rule"] == "quota"
+
+
+def test_a_limited_dataset_gives_no_advice_on_its_splits(tmp_path):
+    lens = {"model": "equirectangular", "width": 16, "height": 8}
+    poses = [{"position": [0.6 * i - 2, 0, 1.5]} for i in range(6)]
+    keys = {"poses": poses, "cameras": {"c": lens}, "out": str(tmp_path / "out"), "modes": ["lit"]}
+    lines = []
+    make(load({**LINE, **keys}), limit=1, warn=lines.append)
+    assert lines == []
