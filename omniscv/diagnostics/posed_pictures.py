@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,10 @@ OF_COLORS = (
 _POINTS = 900  # of a pair
 _TOLERANCE = 0.03  # relative depth
 # What decides that other colours fit better:
-_GAIN = 0.05  # of what correlation lacks
+_GAIN = 0.2  # of what correlation lacks
 _CLEAR = 3.0  # standard errors
 _CLEARER = 0.05  # of correlation
+_EXPLAINED = 0.5  # of what correlation lacks, which colours of another place or frame bring back
 # Shares of sizes, and of what matters, that the search is off by:
 _INEXACT = 0.1
 _OF_MATTERS = 0.25
@@ -125,10 +127,13 @@ def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Findi
         return [Finding("convention", "no two frames overlap", "warning", _OVERLAP)]
     verdict = ask(pictures, words)
     value = verdict.line().removeprefix("pictures").lstrip(": ")
+    misfits = []
+    if verdict.misfit is not None:
+        misfits.append(Finding("depth", verdict.misfit.shows, "bad", verdict.misfit.remedy))
     if verdict.why or verdict.best is None:
-        return [Finding("convention", value, "warning", _OVERLAP), *_values(pictures, words)]
+        return [Finding("convention", value, "warning", _OVERLAP), *misfits, *_values(pictures, words)]
     remedy = f"write {verdict.advice('')}"
-    findings = [Finding.unless(not verdict.contradicts, "convention", value, "bad", remedy)]
+    findings = [Finding.unless(not verdict.contradicts, "convention", value, "bad", remedy), *misfits]
     R, t = verdict.best.convention.poses(*words.written(pictures.R, pictures.t))
     along = verdict.best.convention.along
     findings += _colors(pictures, R, t, along)
@@ -196,7 +201,8 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
     better = scores[best] - unchanged
     signs = np.sign(better).sum() / np.sqrt(len(better))  # standard deviations, if either were as likely
     correlation = f"correlation {unchanged.mean():.2f}"
-    if best and better.mean() > _CLEARER and signs > _CLEAR:
+    lacking = _EXPLAINED * (1 - unchanged.mean())
+    if best and better.mean() > max(_CLEARER, lacking) and signs > _CLEAR:
         value = f"{best}: {scores[best].mean():.2f}"
         remedy = "give each depth the colours of its own frame"
         yield Finding("colours over depth", f"{value}; as said {correlation}", "bad", remedy)
@@ -217,16 +223,26 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     before = scores(np.zeros(3))
     steps = np.array([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
     x, sigma = _refined(scores, _searched(scores), steps)
+    halves = []  # what each half of the pairs shows by itself
+    for rows in (slice(None, None, 2), slice(1, None, 2)):
+        halves.append(_refined(partial(_of_rows, scores, rows), x, steps)[0])
     better = scores(x) - before
     if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
         return []
     faults = []
-    for parameter, size, error in zip(OF_COLORS, x, sigma, strict=True):
+    for parameter, size, error, *of_halves in zip(OF_COLORS, x, sigma, *halves, strict=True):
+        if abs(size) > parameter.most or min(of_halves) * max(of_halves) <= 0:
+            continue  # beyond what is likely, or of another sign in either half
         inexact = np.hypot(_INEXACT * size, _OF_MATTERS * parameter.matters)
         fault = Fault(parameter, float(size), float(np.hypot(error, inexact)))
         if abs(fault.size) > max(parameter.matters, _SIGMA * fault.sigma):
             faults.append(fault)
     return faults
+
+
+def _of_rows(scores: Callable[[Array], Array], rows: slice, x: Array) -> Array:
+    """Return the scores at ``x`` of some rows of the pairs."""
+    return scores(x)[rows]
 
 
 def _searched(scores: Callable[[Array], Array]) -> Array:

@@ -32,6 +32,9 @@ def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, .
         raise ArgumentError(sequence.refused)
     if verdict is None:
         return sequence, ()
+    if verdict.misfit is not None and not trust_words:
+        expected = f"expected depth that belongs to its colours and poses, got {verdict.misfit.shows}"
+        raise ArgumentError(f"{expected}; {verdict.misfit.remedy}; or --trust-words takes it as said")
     if not verdict.contradicts:
         if verdict.colors and not trust_words:
             expected = "expected colours that lie over depth, got colours that agree if they are turned"

@@ -1,7 +1,7 @@
 """Ask pictures with depth for the convention of their poses: which one makes them overlap."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -10,9 +10,13 @@ import numpy as np
 from omniscv.geometry import Array
 from omniscv.geometry.trajectory_columns import FRAMES, axes_of, frame_of_axes
 from omniscv.importing.overlap import PosedPictures, moves
+from omniscv.importing.registration import Misfit, misplaced, misread, unexplained
 
 LEAST = 0.35
 """Agreement below which pictures tell nothing."""
+CHANCE = {True: 0.4, False: 0.6}
+"""By whether there are colours: what the best of thousands of conventions reaches above :data:`LEAST` by
+chance, of one pair of frames that see different places. Of n pairs it is that over n^1.5."""
 PAIRS = 20
 WIDTH = 640
 """Pairs of frames that are asked, and px of their width, at most."""
@@ -153,6 +157,7 @@ class Verdict:
     tied: tuple[Convention, ...] = ()  # what pictures cannot tell from the best
     median: float = 1.0  # of depth, as read
     why: str = ""
+    misfit: Misfit | None = None  # how depth does not belong to its colours, or is no length
     colors: str = ""  # how colours are put right that are turned beside depth; empty where they are not
 
     @property
@@ -354,6 +359,22 @@ class _Search:
         is_turned = agreements[best] >= LEAST and as_said < _CLEAR * agreements[best]
         return best if is_turned else ""
 
+    def misfit(self, verdict: Verdict) -> Misfit | None:
+        """Return how depth does not belong to its colours, or is no length, if pictures say so."""
+        assert verdict.best is not None
+        assert verdict.said is not None
+        said = verdict.said.convention
+        as_said = (self.pictures, self._motion(said), said.along, verdict.best.mean)
+        misfit = misread(*as_said)
+        if misfit is None:
+            score = verdict.said if verdict.why else verdict.best
+            _, per_m = verdict.units(score.convention)
+            is_turned_asked = verdict.contradicts or not verdict.colors
+            misfit = misplaced(self.pictures, self.words.per_m / per_m, is_turned_asked)
+        if misfit is None and not verdict.contradicts:
+            misfit = unexplained(*as_said)
+        return misfit
+
     def _motion(self, convention: Convention) -> tuple[Array, Array]:
         """Return rotations (P, 3, 3) and translations (P, 3), in units of depth, between pairs of cameras."""
         pictures = self.pictures
@@ -454,16 +475,36 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
         else:
             others.append(score)
     nearest = min(tied, key=lambda score: score.convention.count_differences(words.convention))
-    return Verdict(
+    said = next(score for score in scores if score.convention == words.convention)
+    verdict = Verdict(
         words,
         best=nearest,
-        said=next(score for score in scores if score.convention == words.convention),
+        said=said,
         following=others[0] if others else None,
         tied=tuple(score.convention for score in tied if score is not nearest),
         median=float(np.median(surfaces)),
-        why=f"they agree by {best.mean:.2f} at best" if best.mean < LEAST else "",
+        why=_doubt(pictures, best, is_as_said=nearest is said),
         colors=search.turned_colors(nearest.convention),
     )
+    return replace(verdict, misfit=search.misfit(verdict))
+
+
+def _doubt(pictures: PosedPictures, best: Score, is_as_said: bool) -> str:
+    """Return why pictures cannot tell their convention; empty where they can.
+
+    Args:
+        pictures: with pairs.
+        best: the convention that agrees best.
+        is_as_said: whether it is that of the words, which chance did not choose among thousands.
+    """
+    count = len(np.unique(np.sort(pictures.pairs, axis=1), axis=0))
+    by_chance = LEAST + CHANCE[pictures.grey is not None] / count**1.5
+    if best.mean < LEAST:
+        return f"they agree by {best.mean:.2f} at best"
+    if best.mean < by_chance and not is_as_said:
+        pairs = f"{count} pairs" if count > 1 else "one pair"
+        return f"{pairs} agree by {best.mean:.2f} at best, which chance may give"
+    return ""
 
 
 def _are_tied(best: Score, other: Score) -> bool:
