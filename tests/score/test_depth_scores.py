@@ -69,6 +69,58 @@ def test_solid_angles_fill_the_field_of_view(camera, expected, relative):
     assert score.solid_angles(camera).sum() == pytest.approx(expected, rel=relative)
 
 
+def angle_around(camera):
+    """The solid angle within a picture's border, by Archimedes: the integral of 1 - cos(angle) over azimuth
+    around the middle ray."""
+    along = np.linspace(0, 1, 100_001)[:-1]
+    inside = 1e-9  # px
+    u = np.concatenate([along, np.ones_like(along), 1 - along, np.zeros_like(along)]) * camera.width
+    v = np.concatenate([np.zeros_like(along), along, np.ones_like(along), 1 - along]) * camera.height
+    u = np.clip(u, inside, camera.width - inside)
+    v = np.clip(v, inside, camera.height - inside)
+    directions = camera.unproject(np.stack([u, v], axis=-1)).directions
+    middle = camera.unproject([camera.center]).directions[0]
+    across = np.linalg.qr(np.column_stack([middle, np.eye(3)[:, :2]]))[0][:, 1:]
+    cosine = np.append(directions @ middle, directions[0] @ middle)
+    azimuth = np.arctan2(directions @ across[:, 1], directions @ across[:, 0])
+    azimuth = np.unwrap(np.append(azimuth, azimuth[0]))
+    return abs(np.sum((1 - (cosine[1:] + cosine[:-1]) / 2) * np.diff(azimuth)))
+
+
+@pytest.mark.parametrize("name", ["pinhole", "division", "field-of-view"])
+def test_solid_angles_fill_what_the_rectangle_bounds(name):
+    camera = model(name).example(1024)
+    assert score.solid_angles(camera).sum() == pytest.approx(angle_around(camera), rel=1e-6)
+
+
+def test_solid_angles_fill_a_cylinder():
+    camera = create("cylindrical", width=2048, height=256, fov_v_deg=100)
+    expected = 4 * math.pi * math.sin(math.radians(50))
+    assert score.solid_angles(camera).sum() == pytest.approx(expected, rel=1e-6)
+
+
+CIRCLES = {
+    "fisheye-equidistant": 1e-4, "fisheye-stereographic": 1e-4, "fisheye-equisolid": 1e-4,
+    "catadioptric-parabolic": 1e-4, "catadioptric-hyperbolic": 1e-4, "catadioptric-planar": 1e-4,
+    "fisheye624": 1e-4, "ftheta": 1e-4,
+    # At its rim, 90 degrees off the axis, a pixel's angle has no bound.
+    "fisheye-orthographic": 1e-3,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CIRCLES)
+def test_solid_angles_fill_an_image_circle(name):
+    camera = model(name).example(256)
+    low, high = 0.0, 256.0
+    for _ in range(60):
+        radius = (low + high) / 2
+        is_seen = camera.valid(camera.center + np.array([radius, 0]))
+        low, high = (radius, high) if is_seen else (low, radius)
+    rays = camera.unproject(camera.center + np.array([[0, 0], [low, 0]])).directions
+    expected = 2 * math.pi * (1 - rays[0] @ rays[1])
+    assert score.solid_angles(camera).sum() == pytest.approx(expected, rel=CIRCLES[name])
+
+
 @pytest.mark.parametrize("name", sorted(name for name in names() if model(name).central))
 def test_solid_angles_of_all_central_cameras_are_positive_where_pixels_are_valid(name):
     camera = model(name).example(48)
@@ -121,6 +173,30 @@ def test_depth_that_a_shift_makes_negative_is_left_out_and_counted(rooms):
     assert scores.lost == 20
     assert scores.compared == truth.size - 20
     assert scores.by_pixel.rmse_log < 0.2
+
+
+class Tensor:
+    """What a torch tensor has that is needed here: an array only after it is detached and moved."""
+
+    def __init__(self, values, steps=("detach", "cpu")):
+        self.values = values
+        self.steps = steps
+
+    def detach(self):
+        return Tensor(self.values, self.steps[1:] if self.steps[:1] == ("detach",) else self.steps)
+
+    def cpu(self):
+        return Tensor(self.values, self.steps[1:] if self.steps[:1] == ("cpu",) else self.steps)
+
+    def __array__(self, dtype=None, copy=None):
+        assert not self.steps
+        return np.asarray(self.values, dtype)
+
+
+def test_tensors_with_a_gradient_on_a_gpu_are_taken(rooms):
+    truth = rooms["equirectangular"]
+    scores = score.depth(Tensor(1.1 * truth), Tensor(truth), PANORAMA)
+    assert scores.by_pixel.abs_rel == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
