@@ -21,7 +21,8 @@ def solid_angles(camera: Camera) -> Array:
 
     A pixel is the spherical quadrilateral between the rays of its corners, two triangles. Source: Van
     Oosterom and Strackee, The solid angle of a plane triangle, 1983. Pixels that the end of the field of
-    view cuts are measured in parts; their middle may see nothing.
+    view cuts are measured in parts; their middle may see nothing. The sum over an image circle is exact to
+    1e-4, but to 1e-3 of an orthographic fisheye of 180 degrees, whose rim sees without bound.
 
     Args:
         camera: with one optical centre.
