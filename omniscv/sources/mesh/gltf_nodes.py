@@ -162,9 +162,11 @@ class _Reader:
             colors = self._colors(self._attribute("COLOR_0", attributes, arrays, where), vertices, where)
         if indices is None:
             indices = np.arange(len(vertices))
+        with np.errstate(invalid="ignore"):  # signalling NaN, which is left out later
+            vertices = vertices.astype(np.float64)
         return Part(
             "",
-            vertices.astype(np.float64),
+            vertices,
             _triangles(indices, mode, where),
             covering.material,
             None if uv is None else np.nan_to_num(uv).astype(np.float32),

@@ -18,6 +18,8 @@ Ints = NDArray[np.int64]
 Floats32 = NDArray[np.float32]
 
 MOST_OBJECTS = 0xFFFF
+_FAR = 1e12
+"""Coordinates that are larger are no numbers of a mesh."""
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """World axes from those of a file whose y points up."""
 
@@ -132,6 +134,9 @@ def split_part(part: Part, numbers: Ints, names: Mapping[int, str], otherwise: s
         names: of the objects, by number.
         otherwise: the name of triangles of other numbers.
     """
+    _check_indices(part)
+    if not len(part.faces):
+        return []
     order = np.argsort(numbers, kind="stable")
     unique, starts = np.unique(numbers[order], return_index=True)
     parts = []
@@ -220,13 +225,18 @@ def _world_axes(contents: Contents, settings: Settings) -> Array:
     return METRES[settings.unit] * (_Y_UP if y_up else np.eye(3))
 
 
-def _sound_faces(part: Part, notes: Counter[str]) -> Ints:
-    """Return the faces whose vertices exist, are finite and span an area; count the others."""
+def _check_indices(part: Part) -> None:
+    """Raise ArgumentError where a face has a vertex that is not there."""
     if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
         worst = int(max(part.faces.max(), -part.faces.min()))
         count = len(part.vertices)
         raise ArgumentError(f"{part.name}: expected indices of {count} vertices, got {worst}")
-    finite = np.count_nonzero(np.isfinite(part.vertices), axis=1) == 3
+
+
+def _sound_faces(part: Part, notes: Counter[str]) -> Ints:
+    """Return the faces whose vertices exist, are finite and span an area; count the others."""
+    _check_indices(part)
+    finite = np.count_nonzero(np.abs(part.vertices) < _FAR, axis=1) == 3
     faces = part.faces
     if not finite.all():
         kept = finite[faces].all(axis=1)

@@ -260,7 +260,8 @@ def _assembled(tables: dict[str, dict[str, Any]]) -> Ply:
     corners = next((face[name] for name in _CORNERS if name in face), None)
     if not isinstance(corners, tuple):
         raise ArgumentError("expected faces with lists of vertex_indices, got none")
-    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    with np.errstate(invalid="ignore"):  # signalling NaN, which is left out later
+        vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
     lengths, indices = corners
     faces, owners = fans(lengths, indices.astype(np.int64))
     notes: Counter[str] = Counter()

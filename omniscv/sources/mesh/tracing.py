@@ -27,6 +27,7 @@ one of both triangles, whatever float64 rounds."""
 _ROUNDING = 8 * 2.0**-24
 """Of float32, as a part of the largest coordinate: of vertices, origins and directions, with a margin."""
 _SHARPEST = 0.02  # sine of the sharpest corner whose tip is moved as far as its edges need
+_LEAST_M = 1e-300  # of an edge: at coordinates of a map, a small triangle's corners may round to one
 _FAR = 4.0
 """Origins that are farther from the middle, in half sizes of the mesh, are moved along their rays first."""
 _BLOCK = 1 << 16  # rays that Embree gets at once, so that arrays stay small
@@ -236,8 +237,8 @@ def _enlarged(vertices: Array, faces: Ints32, half_m: float) -> NDArray[np.float
         own = corners[:, k]
         a = own - corners[:, (k + 1) % 3]
         b = own - corners[:, (k + 2) % 3]
-        a /= np.linalg.norm(a, axis=1, keepdims=True)
-        b /= np.linalg.norm(b, axis=1, keepdims=True)
+        a /= np.maximum(np.linalg.norm(a, axis=1, keepdims=True), _LEAST_M)
+        b /= np.maximum(np.linalg.norm(b, axis=1, keepdims=True), _LEAST_M)
         cosine = (a * b).sum(axis=1)
         sine = np.sqrt(np.maximum(1 - cosine**2, _SHARPEST**2))
         moved[:, k] = own + (margin / sine)[:, None] * (a + b)

@@ -233,6 +233,34 @@ def test_a_file_cut_anywhere_is_one_line_or_less_of_the_mesh(form, share, tmp_pa
     assert "\n" not in message
 
 
+def spoiled(data, rng):
+    """Return bytes of which a few are others, from the middle of the file on."""
+    result = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        place = rng.integers(len(data) // 2, len(data) - 4)
+        result[place : place + 4] = rng.choice([b"\xff\xff\xff\xff", b"\0\0\0\0", b"9999", b"\0\0\xc0\x7f"])
+    return bytes(result)
+
+
+@pytest.mark.parametrize("form", mesh_files.FORMS)
+def test_a_file_with_other_bytes_is_one_line_or_a_mesh_that_rays_meet(form, tmp_path):
+    name, write = mesh_files.FORMS[form]
+    path = tmp_path / name
+    write(path)
+    data = path.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(25):
+        path.write_bytes(spoiled(data, rng))
+        message = str(path)
+        try:
+            with omniscv.open_source(f"mesh://{path}") as source:
+                source.trace(np.zeros(3), np.array([[1.0, 0, 0], [-1, 0, 0]]))
+        except ArgumentError as error:
+            message = str(error)
+        assert str(path) in message
+        assert "\n" not in message
+
+
 def with_faults(path):
     """One square with a triangle without area, one with a vertex that is no number, and a line."""
     built = Builder()
