@@ -1,6 +1,7 @@
 """``omniscv render``, ``record``, ``plan`` and ``job``: images, their captures, and jobs of them."""
 
 import re
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, asdict, is_dataclass, replace
 from pathlib import Path
@@ -216,10 +217,13 @@ def plan(
     is_unchecked = False
     loaded = job.load()
     with display("worlds", progress):
-        for world in check_worlds(loaded, dataset=False).each:
+        started = time.perf_counter()
+        checked = check_worlds(loaded, dataset=False)
+        searched_s = (time.perf_counter() - started) / len(checked.each)
+        for world in checked.each:
             if world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes):
                 is_unchecked = True
-            for cost in costs(world, measure=measure):
+            for cost in costs(world, measure=measure, searched_s=searched_s):
                 priced.append((world.world, cost))
     if len({name for name, _ in priced}) > 1:
         priced += [("all worlds", total) for total in _totals(priced)]

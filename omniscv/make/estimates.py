@@ -52,7 +52,7 @@ _Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
 _Moments = list[InstantViews]
 
 
-def costs(job: Job, *, measure: bool = False) -> list[Cost]:
+def costs(job: Job, *, measure: bool = False, searched_s: float = 0.0) -> list[Cost]:
     """Return what a job's images take by ``auto``, by three accuracies, and by every other strategy.
 
     Strategies that the source does not support are left out.
@@ -62,6 +62,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
         measure: whether two captures of each mode, and one image, are made to measure seconds
             (:func:`measured_pace`). Otherwise they are those of the captures in the job's recording, if it
             says when these were made; else None.
+        searched_s: what opening the source with the search of places took before, if the job has the places.
     """
     ways: dict[str, tuple[str, float | None]] = {"auto": ("auto", None)}  # strategy and accuracy
     for aim in _AIMS:
@@ -74,7 +75,7 @@ def costs(job: Job, *, measure: bool = False) -> list[Cost]:
     started = time.perf_counter()
     with opened(replace(job, record=None)) as (job, source):
         if measure:
-            opening_s = time.perf_counter() - started
+            opening_s = max(searched_s, time.perf_counter() - started)
             with phase("measuring captures and an image"):
                 pace = measured_pace(job, source, opening_s)
         with phase("listing frames"):
@@ -277,6 +278,8 @@ def measured_pace(job: Job, source: Source, opening_s: float) -> Pace:
     if expected_ms > 0:
         faster = 1e3 * spent.captured_s / expected_ms
         price = Price(faster * price.request, faster * price.megapixel)
+    elif spent.requests:  # a recording reads and decodes its captures
+        price = Price(1e3 * spent.captured_s / spent.requests, 0.0)
     pace = Pace(price, opening_s, image_s / count, spent.rays_s / count)
     _log.info("measured: %s", pace)
     return pace
