@@ -171,3 +171,25 @@ def test_frames_are_drawn_with_their_axes():
         assert len(picture) < 1 << 15
         assert all(word in picture for word in words)
         assert f"](frames/{frame}.svg)" in (DOCS / "conventions.md").read_text(encoding="utf-8")
+
+
+def figures_of_all(page, heading):
+    """The last row, of all images, of the first table behind a heading, by column."""
+    behind = page.partition(f"## {heading}")[2]
+    head = re.search(r"^\| \| images \|.*$", behind, re.M)[0].split("|")
+    row = re.search(r"^\| all \|.*$", behind, re.M)[0].split("|")
+    return {name.strip(): value.strip() for name, value in zip(head, row, strict=True)}
+
+
+def test_the_readme_has_at_most_130_lines_and_the_rates_of_the_page_on_accuracy():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    accuracy = (ROOT / "docs/accuracy.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 130
+    measured = figures_of_all(accuracy, "Measured")
+    wrong = float(measured["unmarked %"]) + float(measured["too thin %"])
+    assert (
+        f"of {measured['images']} random images, {round(1000 * wrong)} pixels in 100,000 were wrong" in readme
+    )
+    engine = figures_of_all(accuracy, "Judged by another engine")
+    worst = float(engine["worst image %"])
+    assert f"and {worst:.2f} % wrong in one that looks from below a floor" in readme
