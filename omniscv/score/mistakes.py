@@ -39,6 +39,7 @@ _BEYOND = 1.1  # ratio of truth and the limit from which on a pixel is clipped
 _FLAT = 0.4  # slope of clipped log p over log t, which is 1 of sound ones
 _NEARER = 0.6  # error of a limit, relative to that of the truth, where depth is clipped
 _CLEAR = 2.5  # error of clipped depth, relative to that of the rest
+_FEWEST = 64  # pixels of which a limit is looked for
 _FAR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)  # of the farthest pixels, of which a limit is measured
 
 Reading = Callable[[Array, Ints, Ints], Array]
@@ -277,6 +278,8 @@ def _by_limit(pictures: Pictures, rows: Ints, columns: Ints, as_said: float) -> 
 
 def _limit(logs_said: Array, logs_true: Array) -> float | None:
     """Return the logarithm at which predictions (N,) are clipped from above; None where they are not."""
+    if len(logs_true) < _FEWEST:
+        return None
     order = np.sort(logs_true)
     for share in _FAR_SHARES:
         is_far = logs_true >= order[int((1 - share) * (len(order) - 1))]

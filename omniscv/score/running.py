@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, one_of
+from omniscv.arguments import number, one_of, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.score import groups
@@ -187,7 +187,8 @@ def score(
         lines = _lines_of_set(predictions, truth, chosen)
     scored = []
     for image in _truths(truth, chosen):
-        item, error = _scored(predictions, image, chosen, lines)
+        with within(image.name):
+            item, error = _scored(predictions, image, chosen, lines)
         scored.append(item)
         keep(item, error)
         done(len(scored))
@@ -263,6 +264,9 @@ def _scored(
     predictions: Path, truth: Truth, options: Options, lines: tuple[Line, Line] | None
 ) -> tuple[Scored, Map]:
     """Return the scores of an image, and where it is wrong."""
+    if not truth.camera.central:
+        expected = f"expected a camera with one optical centre, got {truth.camera.name!r}"
+        raise ArgumentError(f"{expected}: choose a dataset's cameras with --cameras")
     if options.what == "labels":
         return _scored_labels(predictions, truth)
     if options.what == "normals":

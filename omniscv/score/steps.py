@@ -22,6 +22,7 @@ from omniscv.score.other_lenses import other_lenses
 
 MOST_COLUMNS = 32
 """Columns that a panorama is shifted by, on each side."""
+_LEAST_PX = 8  # a side of pictures whose edges are compared
 _LEAST_ROWS = 32  # of the band in the picture's middle that is compared
 _BAND = 1 << 15  # pixels of the band, at least
 _SMALLER = 0.75  # squared steps of a shift, relative to those of the opposite one, and of none
@@ -57,6 +58,8 @@ def compare(said: Array, true: Array, camera: Camera) -> Edges | None:
         true: (H, W) metres along rays.
         camera: of both.
     """
+    if min(said.shape) < _LEAST_PX:
+        return None
     band = _band(said.shape)
     log_said = _logs(said, seen_pixels(camera))
     log_true = _logs(true, seen_pixels(camera))

@@ -101,3 +101,11 @@ def test_a_blurred_prediction_has_no_mistake(rooms, camera, sigma):
     for seed in range(5):
         blurred = cv2.GaussianBlur(noisy(rooms[camera], seed=seed), (0, 0), sigma)
         assert not score.find_mistakes(blurred, rooms[camera], camera)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (2, 1), (3, 5), (9, 8)])
+def test_pictures_of_a_few_pixels_are_searched(width, height):
+    camera = cameras.create("pinhole", width=width, height=height, fov_deg=60)
+    truth = np.linspace(1, 3, width * height).reshape(height, width)
+    assert not score.find_mistakes(1.1 * truth, truth, camera)
+    assert score.find_mistakes(np.full((height, width), np.nan), truth, camera) == []

@@ -169,3 +169,30 @@ def test_groups_of_a_folder_are_those_of_all_its_images(tmp_path, truth):
 def test_wrong_options_are_refused(tmp_path, truth, options, expected):
     with pytest.raises(ArgumentError, match=expected):
         score(tmp_path, truth, **options)
+
+
+def test_frames_of_some_cameras_of_a_dataset_are_scored(tmp_path, capsys):
+    from omniscv import dataset
+    from omniscv.job import read
+    from omniscv.make import make
+
+    job = {
+        "source": "scene://four-wall",
+        "cameras": {
+            "pano": {"model": "equirectangular", "width": 32, "height": 16},
+            "ring": {"model": "noncentral-panorama", "width": 32, "height": 16, "radius": 0.2},
+        },
+        "poses": [{"position": [0, 0, 1.5]}],
+        "modes": ["depth"],
+        "out": str(tmp_path / "set"),
+    }
+    make(read(job, tmp_path))
+    for frame in dataset.open(tmp_path / "set"):
+        np.save(tmp_path / f"{frame.key}.npy", 2 * frame.layer("depth"))
+    (item,) = score(tmp_path, tmp_path / "set", cameras=("pano",))
+    assert item.name.startswith("pano")
+    assert run(["score", str(tmp_path), str(tmp_path / "set")]) == 2
+    expected = "expected a camera with one optical centre, got 'noncentral-panorama'"
+    assert f"{expected}: choose a dataset's cameras with --cameras" in capsys.readouterr().err
+    with pytest.raises(ArgumentError, match="cameras: expected"):
+        score(tmp_path, tmp_path / "set", cameras=("other",))
