@@ -101,7 +101,7 @@ def test_repeated_failures_end_the_run(job):
     message = str(failed.value)
     assert "part 0 failed 6 times, the last time at worker " in message
     assert "failing:0: the connection broke" in message
-    assert message.endswith("what is made is kept: run the same command again")
+    assert message.endswith("what is made is kept: making the dataset again goes on")
     assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
 
 
@@ -120,7 +120,9 @@ def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
         if now.frames:
             started[0].sync(started[0].scheduler.close)
 
-    with pytest.raises(ClusterError, match=r"expected the scheduler to stay.*run the same command again"):
+    with pytest.raises(
+        ClusterError, match=r"expected the scheduler to stay.*making the dataset again goes on"
+    ):
         cluster.make(job, ending, progress=end)
     made = cluster.make(job, threads)
     assert made.written + made.kept == len(job)
