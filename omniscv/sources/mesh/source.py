@@ -8,6 +8,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,15 +83,15 @@ class MeshSource(Rendered):
         self._worlds = _Worlds(Resting.of(model, settings))
         self._colorless = model.colorless
         for what, count in sorted(model.notes.items()):
-            LOGGER.warning("%s: left out %d %s", path, count, what)
+            _say_once(f"{path}: left out {count} {what}")
         self.model = model
         self.holes = open_edges(model)
         if self.holes:
-            LOGGER.warning(
-                "%s: not closed: %d edges bound one triangle alone; through holes is sky", path, self.holes
+            _say_once(
+                f"{path}: not closed: {self.holes} edges bound one triangle alone; through holes is sky"
             )
         if model.colorless:
-            LOGGER.warning("%s: no colours: %s", path, model.colorless)
+            _say_once(f"{path}: no colours: {model.colorless}")
 
     @property
     def capabilities(self) -> Capabilities:
@@ -263,6 +264,12 @@ def open_mesh(address: str, **options: Any) -> MeshSource:
     with within(path):
         settings = read(Settings, {**options, **written}, "options")
     return MeshSource(Path(path), settings)
+
+
+@cache
+def _say_once(text: str) -> None:
+    """Log a warning, the first time that this process has it."""
+    LOGGER.warning("%s", text)
 
 
 def _reopened(

@@ -219,6 +219,39 @@ def test_a_job_varies_the_objects_of_a_folder_of_meshes_and_its_recordings_repla
             np.testing.assert_array_equal(frames["replayed"][key].layer(layer), recorded)
 
 
+@pytest.mark.rays
+def test_a_job_moves_an_object_along_a_path(path, tmp_path):
+    """At each of its instants a frame shows the room with the table where its motion has it."""
+    start = np.array([1.2, 0.9, 0.375])
+    end = np.array([0.6, -1.2, 0.375])
+    waypoints = [
+        {"time": 0, "position": start.tolist()},
+        {"time": 1, "position": end.tolist(), "yaw_deg": 60},
+    ]
+    description = {
+        "source": f"mesh://{path}",
+        "cameras": {"pano": {"model": "equirectangular", "width": 64, "height": 32}},
+        "poses": [{"position": [0.1, 0.2, 1.5]}] * 3,
+        "times": {"rate": 2, "count": 3},
+        "motions": {"Table": waypoints},
+        "modes": ["object_mask", "depth"],
+        "out": str(tmp_path / "moving"),
+    }
+    make.make(load(description))
+    names = sorted(room())
+    frames = sorted(omniscv.dataset.open(tmp_path / "moving"), key=lambda frame: frame.key)
+    for share, frame in zip((0, 0.5, 1), frames, strict=True):
+        meshes = room()
+        turn = Rotation.from_euler("z", 60 * share, degrees=True).as_matrix()
+        moved = meshes["Table"].vertices - meshes["Table"].bounds.mean(axis=0)
+        meshes["Table"].vertices = moved @ turn.T + start + share * (end - start)
+        toward = frame.camera.unproject(frame.camera.pixels()).directions @ frame.pose.rotation.T
+        distance, label, _ = truth_of(meshes).trace(frame.pose.position, toward.reshape(-1, 3))
+        np.testing.assert_array_equal(frame.layer("labels").ravel(), label)
+        np.testing.assert_allclose(frame.layer("depth").ravel(), distance, atol=ROUNDED_M)
+        assert (label == 1 + names.index("Table")).any()
+
+
 def test_a_pattern_that_nothing_matches_is_one_line(tmp_path):
     worlds = {"scan-*": {"source": f"mesh://{tmp_path}/scans/*.glb"}}
     with pytest.raises(ArgumentError, match=r"worlds.scan-\*: source: expected files of .*, got none"):
