@@ -173,8 +173,10 @@ def compare(
         bounds = t - compared.error[where], t + compared.error[where]
         within = [interval(p, Truths(*bounds, weights), align) for weights in (alike, areas)]
     aligned = np.full(true.shape, np.nan)
-    aligned[where] = np.where(kept, by_area, np.nan)
-    pairs = _Aligned(by_pixel[kept], by_area[kept], t[kept], alike[kept], areas[kept])
+    aligned[where] = by_area if kept.all() else np.where(kept, by_area, np.nan)
+    pairs = _Aligned(by_pixel, by_area, t, alike, areas)
+    if not kept.all():
+        pairs = _Aligned(*(values[kept] for values in pairs))
     of_pixels, of_areas = pairs.measures(is_one=lines[0] == lines[1])
     scores = DepthScores(
         by_pixel=of_pixels,

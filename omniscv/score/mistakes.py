@@ -13,7 +13,7 @@ Where neither names one, depth that ends at a limit is looked for.
 """
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ _BETTER = 0.9  # the same, of a turned picture or another lens that edges name
 _LEAST_ERROR = 0.02
 """AbsRel of a reading as it was said from which on another one is looked for: less is no mistake of
 reading."""
+_KEPT = 4  # cameras whose cosines are kept
 UNITS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
 _GRID = 5000  # pixels at which readings are compared
 _CLIPPED = 0.02  # least share of pixels whose depth is clipped
@@ -170,9 +171,8 @@ def _by_reading(pictures: Pictures, rows: Ints, columns: Ints, as_said: float) -
 
 def _readings(camera: Camera) -> Iterator[tuple[str, str, Reading]]:
     """Yield other readings of a picture, each with its word and its detail."""
-    rays = camera.unproject()
-    axis = rays.directions[..., 2]
-    if (axis[rays.valid] > 0).all():
+    axis = _cosines(camera)
+    if axis is not None:
         yield "planar", "", partial(_along_ray, axis=axis)
         yield "range", "", partial(_along_axis, axis=axis)
     yield "disparity", "", _inverse
@@ -183,6 +183,14 @@ def _readings(camera: Camera) -> Iterator[tuple[str, str, Reading]]:
     yield "rolled", "", partial(_turned, is_mirrored=True, is_flipped=True)
     for lens in other_lenses(camera):
         yield "lens", lens.name, partial(_by_lens, camera=camera, lens=lens.camera)
+
+
+@lru_cache(_KEPT)
+def _cosines(camera: Camera) -> Array | None:
+    """Return (H, W) cosines of rays and the optical axis; None where some look beside it, or behind."""
+    rays = camera.unproject()
+    axis = rays.directions[..., 2]
+    return axis if (axis[rays.valid] > 0).all() else None
 
 
 def _along_ray(values: Array, rows: Ints, columns: Ints, axis: Array) -> Array:

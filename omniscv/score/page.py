@@ -235,7 +235,7 @@ def _picture(item: Map) -> str:
 
 def _grey(item: Map, size: tuple[int, int]) -> Array | None:
     """Return an image's picture in grey; None where it has none, or one by another camera."""
-    lit = item.truth.picture()
+    lit = item.picture()
     if lit is None or lit.shape[:2] != item.error.shape:
         return None
     values = np.asarray(lit[..., :3], np.float32)

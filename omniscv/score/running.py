@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, one_of, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats
 from omniscv.score import groups
 from omniscv.score.alignment import Fit, Line
 from omniscv.score.areas import solid_angles
@@ -152,14 +153,14 @@ class Map:
 
     Attributes:
         name: of the image.
-        error: (H, W) relative error of depth, angle by 100 degrees, or 0 and 1 of labels; NaN where nothing
-            is compared.
-        truth: of the image, which has its colours.
+        error: (H, W) float32 relative error of depth, angle by 100 degrees, or 0 and 1 of labels; NaN where
+            nothing is compared.
+        picture: returns the image's colours, (H, W, 3); None where it has none.
     """
 
     name: str
-    error: Array
-    truth: Truth
+    error: Floats
+    picture: Callable[[], NDArray[Any] | None]
 
 
 def score(
@@ -289,7 +290,7 @@ def _scored(
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(aligned - truth.values) / truth.values
-    return item, Map(truth.name, error, truth)
+    return item, Map(truth.name, error.astype(np.float32), truth.picture)
 
 
 def _extra(pair: _Pair, aligned: Array, where: NDArray[Any], options: Options) -> Iterator[tuple[str, float]]:
@@ -314,7 +315,9 @@ def _scored_labels(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
     values, resampled = prediction(predictions, truth, "labels")
     scores = labels(values, truth.values, truth.camera, truth.doubt)
     error = np.where(truth.doubt | (truth.values == 0), np.nan, values != truth.values)
-    return Scored(truth.name, scores, [], resampled, truth.scene), Map(truth.name, error, truth)
+    return Scored(truth.name, scores, [], resampled, truth.scene), Map(
+        truth.name, error.astype(np.float32), truth.picture
+    )
 
 
 def _scored_normals(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
@@ -327,7 +330,9 @@ def _scored_normals(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
     cosine = np.clip((unit * truth.values).sum(axis=-1), -1, 1)
     is_known = ~truth.doubt & (np.abs(truth.values).sum(axis=-1) > 0)
     error = np.where(is_known, np.degrees(np.arccos(cosine)) / 100, np.nan)
-    return Scored(truth.name, scores, mistakes, resampled, truth.scene), Map(truth.name, error, truth)
+    return Scored(truth.name, scores, mistakes, resampled, truth.scene), Map(
+        truth.name, error.astype(np.float32), truth.picture
+    )
 
 
 def mean(scored: Sequence[Scored]) -> dict[str, dict[str, float]]:

@@ -61,15 +61,17 @@ def compare(said: Array, true: Array, camera: Camera) -> Edges | None:
     if min(said.shape) < _LEAST_PX:
         return None
     band = _band(said.shape)
-    log_said = _logs(said, seen_pixels(camera))
-    log_true = _logs(true, seen_pixels(camera))
-    in_said = _Steps(log_said[band])
-    in_true = _Steps(log_true[band])
+    valid = seen_pixels(camera)
+    in_said = _Steps(_logs(said[band], valid[band]))
+    rows = slice(None) if other_lenses(camera) else band  # other lenses see rows beyond the band
+    log_true = _logs(true[rows], valid[rows])
+    part = log_true[band] if other_lenses(camera) else log_true
+    in_true = _Steps(part)
     shifted = _best_shift(in_said, in_true, camera.wraps)
     unmoved = in_said.distance(in_true)
     best: Edges | None = None
     least = _MUCH_SMALLER * unmoved
-    for edges, logs in _turns(log_true, camera, band):
+    for edges, logs in _turns(part, log_true, camera, band):
         distance = in_said.distance(_Steps(logs))
         if distance < least:
             least = distance
@@ -174,9 +176,15 @@ def _sum_of_squares(steps: Array, u: float, v: float) -> float:
     return float((steps * steps).sum())
 
 
-def _turns(logs: Array, camera: Camera, band: slice) -> list[tuple[Edges, Array]]:
-    """Return the truth turned, and seen by other lenses, in the band."""
-    part = logs[band]
+def _turns(part: Array, logs: Array, camera: Camera, band: slice) -> list[tuple[Edges, Array]]:
+    """Return the truth turned, and seen by other lenses, in the band.
+
+    Args:
+        part: logarithms in the band.
+        logs: (H, W) of the whole picture, which other lenses need.
+        camera: of the truth.
+        band: the rows.
+    """
     turns = [
         (Edges("mirrored", is_mirrored=True), part[:, ::-1]),
         (Edges("flipped", is_flipped=True), part[::-1]),
