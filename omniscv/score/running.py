@@ -290,7 +290,12 @@ def _scored(
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(aligned - truth.values) / truth.values
-    return item, Map(truth.name, error.astype(np.float32), truth.picture)
+    return item, _map(truth, error)
+
+
+def _map(truth: Truth, error: Array) -> Map:
+    """Return where an image is wrong; its truth is not kept."""
+    return Map(truth.name, error.astype(np.float32), truth.picture)
 
 
 def _extra(pair: _Pair, aligned: Array, where: NDArray[Any], options: Options) -> Iterator[tuple[str, float]]:
