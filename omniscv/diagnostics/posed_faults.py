@@ -61,7 +61,9 @@ _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compa
 _SOFT = 2.0  # px, by which depth is blurred for derivatives
 _FAR_OFF = 0.2  # log depth of another surface
 _TUKEY = 4.7
-_SIGMA = 5.0
+_SIGMA = 8.0
+_SURE_SIGMA = 10.5  # from which a parameter counts, though all others may be off, too
+_JOINT_SIGMA = 2.0
 _LIKELY_SIGMA = 2.0
 _BLOCKS = (16, 8)  # of time, over which residuals may be alike
 _TOGETHER = 20  # pairs in a row, whose errors of poses are related
@@ -74,6 +76,11 @@ _OF_MATTERS = 0.05
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
 _POSE_NOISE = np.geomspace(1e-5, 0.03, 17)  # of a frame: radians, and shares of the median depth
+_DETERMINED = 0.3  # of the most that is likely: a parameter is judged if it is known better than this
+_LEAST_OF_HALF = 0.5  # of a size, that each half of the pairs shows by itself
+_HALF_SIGMA = 2.5
+_STILL = 3e-3  # radians from frame to frame, below which a camera does not turn; and so many times the drift
+_STILL_DRIFTS = 5.0
 _MOST_TURN = np.radians(25)  # from frame to frame, of a video
 
 
@@ -89,12 +96,14 @@ class Fault(NamedTuple):
 class Found(NamedTuple):
     """Faults; what is left of log depth (P, n), NaN where none is compared; how large errors of poses are.
 
-    ``drift`` is in radians, and in shares of the median depth, of a frame.
+    ``drift`` is in radians, and in shares of the median depth, of a frame. ``is_turning``: whether the camera
+    turns; if not, as along a line at even speed, a shift of colours is another origin.
     """
 
     faults: list[Fault]
     left: Array
     drift: float
+    is_turning: bool = True
 
 
 class System(NamedTuple):
@@ -104,6 +113,21 @@ class System(NamedTuple):
     r: Array
     left: Array
     drift: float
+
+    def half(self, second: bool) -> "System":
+        """Return the equations of the first half of the pairs, in the order of time, or of the ``second``."""
+        rows = np.array_split(np.arange(len(self.r)), 2)[int(second)]
+        return self._replace(J=self.J[rows], r=self.r[rows])
+
+    def doubts(self, most: Array) -> Array:
+        """Return (k,) how unsure each parameter is if all others may be off, too.
+
+        ``most`` (k,) are the ranges in which parameters lie. Of one that motion or scene do not determine,
+        nothing but its range is known.
+        """
+        J = self.J.reshape(-1, self.J.shape[-1]) * most
+        _, singular, V = np.linalg.svd(np.linalg.qr(J, mode="r"))
+        return np.asarray(most * np.sqrt((V**2 / (1 + singular[:, None] ** 2)).sum(axis=0)))
 
     def solve(self, chosen: list[int]) -> tuple[Array, Array, float]:
         """Return the step of the ``chosen`` parameters, their standard deviations, and the gain.
@@ -287,7 +311,7 @@ class Fit:
         """
         Z = X.copy()
         logarithm = 0.0
-        for block in np.array_split(np.arange(len(X)), -(-len(X) // _TOGETHER)):
+        for block in np.array_split(np.arange(len(X)), 2 * -(-len(X) // (2 * _TOGETHER))):
             F = share * T[block, :6, :6].reshape(-1, 6)
             alike = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
             L = cholesky(np.eye(len(F)) + F @ F.T * alike, lower=True)
@@ -324,7 +348,7 @@ class Fit:
         for _ in range(_ROUNDS):
             step = after.solve(chosen)[0]
             theta = theta.copy()
-            theta[at] += step
+            theta[at] = np.clip(theta[at] + step, -2 * _LIKELY[at], 2 * _LIKELY[at])
             system_there = self.system(theta)
             if system_there is None:
                 return theta, None
@@ -338,12 +362,14 @@ class Fit:
         theta = np.zeros(len(_STEPS))
         matters = _MATTERS[self.possible]
         chosen: list[int] = []
-        refused: set[int] = set()
         others: list[list[int]] = []  # for each chosen one, what explains the same
         sigmas = np.zeros(0)  # of the chosen ones
         system = self.system(theta)
         if system is None:
             return Found([], np.full((1, 1), np.nan), 0.0)
+        refused = {*range(len(self.possible))} - {*self.judged(system)}
+        still = _STILL + _STILL_DRIFTS * system.drift
+        is_turning = float(np.median(np.linalg.norm(self.turns, axis=1))) > still
         while len(chosen) < _MOST_FAULTS:
             gains = self._gains(system, chosen, refused)
             if not gains:
@@ -351,21 +377,62 @@ class Fit:
             most, best = gains[-1]
             trial = [*chosen, best]
             fitted, after = self._settled(theta, trial, system)
-            doubt = after.solve(trial)[1] if after else np.full(1, np.inf)
-            least = np.maximum(_SIGMA * doubt, matters[trial])
-            if after and (np.abs(fitted[self.possible[trial]]) > least).all():
-                others.append(_at_least(_AS_WELL * most, gains[:-1]))
-                theta = fitted
-                system = after
-                chosen = trial
-                sigmas = doubt
-            else:
+            if after is None or not self._is_proven(fitted, trial, after):
                 refused.add(best)
+                continue
+            others.append(_at_least(_AS_WELL * most, gains[:-1]))
+            theta = fitted
+            system = after
+            chosen = trial
+            sigmas = after.solve(trial)[1]
         noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
         sizes = theta[self.possible][chosen]
         model = np.hypot((_INEXACT + _PER_NOISE * noise) * sizes, _OF_MATTERS * matters[chosen])
         faults = self._faults(chosen, sizes, np.hypot(sigmas, model), others)
-        return Found(faults, system.left, system.drift)
+        return Found(faults, system.left, system.drift, is_turning)
+
+    def _is_proven(self, theta: Array, chosen: list[int], system: System) -> bool:
+        """Return whether parameters are off beyond doubt, and in both halves of the pairs by themselves.
+
+        Args:
+            theta: parameters, fitted.
+            chosen: indices of those that are off.
+            system: the equations there.
+        """
+        sizes = theta[self.possible][chosen]
+        sigmas = system.solve(chosen)[1]
+        if (np.abs(sizes) <= np.maximum(_SIGMA * sigmas, _MATTERS[self.possible][chosen])).any():
+            return False
+        if (np.abs(sizes) > _LIKELY[self.possible][chosen]).any():
+            return False
+        if (np.abs(sizes[-1]) < _SURE_SIGMA * sigmas[-1]) and not self._is_joint(sizes, chosen, system):
+            return False
+        for second in (False, True):
+            half = system.half(second)
+            steps, doubts, _ = half.solve(chosen)
+            own = (sizes + steps) * np.sign(sizes)  # what this half shows, in the direction of all
+            least = np.maximum(_LEAST_OF_HALF * np.abs(sizes), _HALF_SIGMA * doubts)
+            if (own <= least).any():
+                return False
+        return True
+
+    def judged(self, system: System) -> list[int]:
+        """Return the indices of parameters that pictures determine, whatever the others are."""
+        likely = _LIKELY[self.possible]
+        return [int(i) for i in np.flatnonzero(system.doubts(likely) <= _DETERMINED * likely)]
+
+    def _is_joint(self, sizes: Array, chosen: list[int], system: System) -> bool:
+        """Return whether the last chosen parameter is off, too, if all others that are judged are free.
+
+        Args:
+            sizes: of the chosen parameters, fitted.
+            chosen: their indices.
+            system: the equations there.
+        """
+        free = [i for i in self.judged(system) if i not in chosen]
+        steps, sigmas, _ = system.solve([*chosen, *free])
+        last = len(chosen) - 1
+        return bool((sizes[last] + steps[last]) * np.sign(sizes[last]) > _JOINT_SIGMA * sigmas[last])
 
     def _faults(self, chosen: list[int], sizes: Array, sigmas: Array, others: list[list[int]]) -> list[Fault]:
         """Return what is off: parameters, by how much and how surely, and what explains the same."""

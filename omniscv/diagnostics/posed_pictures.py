@@ -44,6 +44,7 @@ _TRIALS = 15  # of each parameter within them
 _ROUNDS = 4  # of Newton's method from there
 _BLOCKS = 8  # of pairs, for the standard error
 _SIGMA = 5.0  # standard errors that prove a size
+_OF_HALF = 0.5  # of a size, that each half of the pairs shows by itself
 # Surfaces that are gone:
 _BEHIND = 0.05  # share of the points, which may
 _OF_SIGMA = 6.0  # of the noise of log depth
@@ -154,7 +155,7 @@ def find(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Found:
         along: whether depth is along the ray.
     """
     found = Fit(pictures, R, t, along).find()
-    if found.faults:
+    if found.faults or not found.is_turning:
         return found
     return found._replace(faults=_colors_beside(pictures, R, t, along))
 
@@ -231,8 +232,8 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
         return []
     faults = []
     for parameter, size, error, *of_halves in zip(OF_COLORS, x, sigma, *halves, strict=True):
-        if abs(size) > parameter.most or min(of_halves) * max(of_halves) <= 0:
-            continue  # beyond what is likely, or of another sign in either half
+        if abs(size) > parameter.most or min(np.sign(size) * np.array(of_halves)) < _OF_HALF * abs(size):
+            continue  # beyond what is likely, or not in either half
         inexact = np.hypot(_INEXACT * size, _OF_MATTERS * parameter.matters)
         fault = Fault(parameter, float(size), float(np.hypot(error, inexact)))
         if abs(fault.size) > max(parameter.matters, _SIGMA * fault.sigma):

@@ -30,7 +30,7 @@ _FRAMES = 24  # that are looked at
 _BLURS = (3.0, 1.2)  # px of 640, of edges of colours: to search, and to tell
 _RATIOS = np.geomspace(0.62, 1.6, 40)  # focal lengths of depth, of those of colours
 _OFFSETS_M = np.linspace(-0.12, 0.12, 13)  # across
-_GAIN = 0.35  # of the agreement of edges as they are, by which that of others is more
+_GAIN = 0.5  # of the agreement of edges as they are, by which that of others is more
 _LEAST_GAIN = 0.15
 _LEAST = 0.55  # agreement of edges at the best place; a search finds 0.47 by chance
 _MOST_OFFSET_M = 0.11
@@ -215,7 +215,8 @@ def misplaced(pictures: PosedPictures, metres: float, is_turned_asked: bool) -> 
     gain = float(better.mean())
     if gain < max(_LEAST_GAIN, _GAIN * float(as_said.mean())) or gain + as_said.mean() < _LEAST:
         return None
-    if max(abs(place.right_m), abs(place.down_m)) > _MOST_OFFSET_M:
+    is_far = max(abs(place.right_m), abs(place.down_m)) > _MOST_OFFSET_M
+    if is_far or not _RATIOS[1] < place.ratio < _RATIOS[-2]:
         return None  # edges of other things
     if min(better[::2].mean(), better[1::2].mean()) < _OF_HALF * gain:
         return None
