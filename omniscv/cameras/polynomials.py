@@ -84,15 +84,21 @@ class Scaramuzza(AffineLens):
         return Meridian(r / length, along / length)
 
     def _radius(self, across: Array, along: Array) -> Array:
+        """Return the radii rho (...), px, that see unit directions; beyond the domain, the radius of its end.
+
+        ``across`` (...) and ``along`` (...) are the parts of directions off the axis and along it, camera
+        frame. Roots are found block by block, so that the arrays of one fit the processor's cache.
+        """
         theta = np.minimum(np.arctan2(across, along), self._theta_end)
-        flat = theta.ravel()
-        radius = np.empty(theta.size)
-        for start in range(0, flat.size, _BLOCK):
-            radius[start : start + _BLOCK] = self._radius_of(flat[start : start + _BLOCK])
-        return radius.reshape(theta.shape)
+        angles = theta.ravel()
+        radii = np.empty(theta.size)
+        for start in range(0, angles.size, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            radii[block] = self._radius_of(angles[block])
+        return radii.reshape(theta.shape)
 
     def _radius_of(self, theta: Array) -> Array:
-        """Return the radii of angles (N,), within cells of a table."""
+        """Return the radii, px, of angles (N,) off the axis; each root is sought in a cell of a table."""
         table = np.linspace(0.0, self._r_end, _CELLS)
         angles = np.maximum.accumulate(self._theta(table))
         cell = np.clip(np.searchsorted(angles, theta) - 1, 0, _CELLS - 2)

@@ -213,19 +213,36 @@ class _Truth:
         self.most = np.nanmax(around, axis=0)
 
     def judge(self, image: OmniImage) -> tuple[float, float]:
-        """Return the shares of the valid pixels that are wrong, and that are wrong and not marked."""
-        off = wrong_depth(image["depth"], self.hits)
-        label = image["labels"] != self.hits.label
+        """Compare an image with the truth, pixel by pixel.
+
+        Depth is wrong by :func:`wrong_depth`, a label if it is another one, and a colour if it is outside the
+        range of the pixel by more than ``_LEVELS``.
+
+        ``unsure`` marks all of them, ``depth_error`` a depth whose error it covers, ``label_edge`` a label. A
+        colour is also marked where ``label_edge`` or a large ``depth_error`` says that the pixel may show
+        another surface.
+
+        Returns:
+            The shares, 0 to 1, of the valid pixels that are wrong, and that are wrong and not marked.
+        """
+        wrong = wrong_depth(image["depth"], self.hits)
+        unmarked = wrong & ~self._covered(image["depth"], image["depth_error"])
+        wrong_label = image["labels"] != self.hits.label
+        unmarked |= wrong_label & ~image["label_edge"]
         lit = image["lit"].astype(np.float64) / 255
-        color = ((lit < self.least - _LEVELS) | (lit > self.most + _LEVELS)).any(axis=-1)
+        is_outside = (lit < self.least - _LEVELS) | (lit > self.most + _LEVELS)
+        wrong_color = is_outside.any(axis=-1)
+        is_exact = image["depth_error"] <= _DEPTH * image["depth"]  # False for NaN
+        unmarked |= wrong_color & is_exact & ~image["label_edge"]
+        unmarked &= ~image["unsure"]
+        wrong |= wrong_label | wrong_color
+        return float(wrong[image.valid].mean()), float(unmarked[image.valid].mean())
+
+    def _covered(self, depth: Array, depth_error: Array) -> Mask:
+        """Return where the true distance lies within ``depth_error`` metres of ``depth``, nearly; (H, W)."""
         with np.errstate(invalid="ignore"):
-            beyond = np.abs(image["depth"] - self.hits.distance) - image["depth_error"]
-            bounded = (beyond <= _SLACK * self.hits.distance) | np.isposinf(image["depth_error"])
-        unmarked = ~image["unsure"] & ((off & ~bounded) | (label & ~image["label_edge"]))
-        doubt = image["label_edge"] | image["unsure"] | ~(image["depth_error"] <= _DEPTH * image["depth"])
-        unmarked |= color & ~doubt
-        valid = image.valid
-        return float((off | label | color)[valid].mean()), float(unmarked[valid].mean())
+            beyond = np.abs(depth - self.hits.distance) - depth_error
+            return np.asarray((beyond <= _SLACK * self.hits.distance) | np.isposinf(depth_error))
 
 
 def _color(scene: Scene, origins: Array, directions: Array, fault: str, name: str) -> Array:

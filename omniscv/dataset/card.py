@@ -123,12 +123,12 @@ def write_card(out: str | Path, about: About) -> list[Path]:
     frames = manifest.read_frames(folder, whole)
     _refuse_files_of_others(folder.local)
     failed = len(manifest.read_failed(folder))
-    described = _description(whole, frames)
+    description = _description(whole, frames)
     contents = {
-        CARD: _card(about, whole, frames, failed, described),
-        CROISSANT: _as_json(_croissant(about, folder.local, described)),
-        CODEMETA: _as_json(_codemeta(about, described)),
-        ZENODO: _as_json(_zenodo(about, described)),
+        CARD: _card(about, whole, frames, failed, description),
+        CROISSANT: _as_json(_croissant(about, folder.local, description)),
+        CODEMETA: _as_json(_codemeta(about, description)),
+        ZENODO: _as_json(_zenodo(about, description)),
     }
     return [write_bytes(folder.local / name, content.encode()) for name, content in contents.items()]
 
@@ -159,10 +159,10 @@ def _description(whole: Manifest, frames: Sequence[Frame]) -> str:
     return f"{len(frames)} synthetic images by {len(whole.cameras)} cameras ({models}) with {layers}."
 
 
-def _card(about: About, whole: Manifest, frames: Sequence[Frame], failed: int, described: str) -> str:
+def _card(about: About, whole: Manifest, frames: Sequence[Frame], failed: int, description: str) -> str:
     """Return the dataset card: front matter, what is inside, how it was made, what its truth leaves open."""
     lines = _front_matter(about, frames)
-    lines += [_MARK, "", f"# {about.name}", "", described, "", "## Cameras", ""]
+    lines += [_MARK, "", f"# {about.name}", "", description, "", "## Cameras", ""]
     lines += ["| camera | model | size, px | images |", "|---|---|---|---|"]
     images = Counter(frame.camera_name for frame in frames)
     for name, camera in whole.cameras.items():
@@ -224,7 +224,7 @@ def _doubt(frames: Sequence[Frame]) -> list[str]:
     return ["Pixels whose label or depth may be another one are marked, not guessed:", "", *lines]
 
 
-def _croissant(about: About, folder: Path, described: str) -> dict[str, Any]:
+def _croissant(about: About, folder: Path, description: str) -> dict[str, Any]:
     """Return the description in Croissant: the manifest, and its frames as records."""
     files = []
     for name, form in (("dataset.json", "application/json"), (FRAMES, "application/jsonlines")):
@@ -256,7 +256,7 @@ def _croissant(about: About, folder: Path, described: str) -> dict[str, Any]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": about.name,
-        "description": described,
+        "description": description,
         "conformsTo": "http://mlcommons.org/croissant/1.1",
         "license": about.license,
         "version": "1.0.0",
@@ -279,13 +279,13 @@ def _croissant(about: About, folder: Path, described: str) -> dict[str, Any]:
     return dataset
 
 
-def _codemeta(about: About, described: str) -> dict[str, Any]:
-    """Return the description in CodeMeta 3."""
+def _codemeta(about: About, description: str) -> dict[str, Any]:
+    """Return the content of ``codemeta.json``, as CodeMeta 3 defines it: name, licence and author."""
     record: dict[str, Any] = {
         "@context": "https://w3id.org/codemeta/3.0",
         "@type": "Dataset",
         "name": about.name,
-        "description": described,
+        "description": description,
     }
     if about.license != UNKNOWN:
         record["license"] = f"https://spdx.org/licenses/{about.license}"
@@ -294,9 +294,9 @@ def _codemeta(about: About, described: str) -> dict[str, Any]:
     return record
 
 
-def _zenodo(about: About, described: str) -> dict[str, Any]:
-    """Return what Zenodo asks for when a dataset is deposited."""
-    record: dict[str, Any] = {"upload_type": "dataset", "title": about.name, "description": described}
+def _zenodo(about: About, description: str) -> dict[str, Any]:
+    """Return the content of ``.zenodo.json``, which Zenodo reads when the dataset is deposited."""
+    record: dict[str, Any] = {"upload_type": "dataset", "title": about.name, "description": description}
     if about.license != UNKNOWN:
         record["license"] = about.license
     if about.creator:

@@ -57,6 +57,7 @@ _SAME = 1e-6  # relative difference of equal depths
 _STEPS = 0.2  # share of all values that are distinct, below which depth has steps
 _COARSE = 0.01  # a step, as a share of depth
 _SAMPLE = 200_000  # values
+_WIDEST_DEG = 150.0  # field of view below which views of a recording are examined
 _OVERLAP = "frames that see the same surfaces"
 _CHECK = "check the file of poses, and the lens, that belong to these pictures"
 _MOVES = "things move, or poses are wrong in places: frames of a still world"
@@ -96,14 +97,20 @@ def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Findin
 
 
 def examine_views(source: Source) -> list[Finding]:
-    """Return findings on the views of a recording that have depth, from several centres; else none."""
-    views = [view for view in source.recorded_in("depth") if view.fov_deg < 150]
-    centers = {tuple(view.pose.position) for view in views}
-    if len(centers) < 2:
+    """Examine whether the views of a recording agree with each other: poses, lens, scale of depth.
+
+    Views from a single centre have no parallax: there are no findings on them.
+
+    Args:
+        source: the recording; its views below ``_WIDEST_DEG`` that have depth are examined.
+    """
+    views = [view for view in source.recorded_in("depth") if view.fov_deg < _WIDEST_DEG]
+    centers_w = {tuple(view.pose.position) for view in views}
+    if len(centers_w) < 2:
         return []
 
     def read(i: int, width: int) -> Shot | None:
-        """Return the picture of the view ``i``, of at most so many px ``width``; None without depth."""
+        """Return the picture of the view ``i``, at most ``width`` px wide; None without depth."""
         pixels: dict[str, Any] = {}
         for mode in ("depth", "lit"):
             with suppress(MissingCaptureError):
@@ -113,10 +120,11 @@ def examine_views(source: Source) -> list[Finding]:
         lit = pixels.get("lit")
         return None if depth is None else Shot.of(depth, lit, views[i].projection, width)
 
-    R = np.stack([view.pose.R_w_c for view in views])
-    t = np.stack([view.pose.position for view in views])
+    R_w_c = np.stack([view.pose.R_w_c for view in views])
+    t_w_c = np.stack([view.pose.t_w_c for view in views])
     fov = float(np.radians(min(view.fov_deg for view in views)))
-    return examine_pictures(PosedPictures.read(R, t, read, fov, PAIRS, WIDTH), Words())
+    pictures = PosedPictures.read(R_w_c, t_w_c, read, fov, PAIRS, WIDTH)
+    return examine_pictures(pictures, Words())
 
 
 def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Finding]:

@@ -174,7 +174,7 @@ class ClassRules:
         if self.unmatched == "other":
             name = _OTHER.get(self.taxonomy, "other")
             described.setdefault(name, {"id": known[name]} if known else {})
-        return _numbered(described)
+        return _number_classes(described)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :func:`class_rules` reads."""
@@ -245,19 +245,23 @@ def _describe(rules: Sequence[Rule], known: Mapping[str, int]) -> dict[str, dict
     return described
 
 
-def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClass]:
-    """Classes by name in the order of their ids; those without an id get the next free one."""
+def _number_classes(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClass]:
+    """Return the classes by name, in the order of their ids; one without an id gets the next free one.
+
+    ArgumentError: two classes have the same id.
+    """
     owners: dict[int, str] = {}
-    for name, values in described.items():
-        if "id" not in values:
+    for name, fields in described.items():
+        if "id" not in fields:
             continue
-        owner = owners.setdefault(values["id"], name)
+        owner = owners.setdefault(fields["id"], name)
         if owner != name:
-            wanted = f"expected one class for every id, {values['id']} is {owner!r}"
-            raise ArgumentError(f"rules: {wanted}; got {name!r} too")
-    free = iter(number for number in range(1, _MOST + 1) if number not in owners)
+            expected = f"expected one class for every id, {fields['id']} is {owner!r}"
+            raise ArgumentError(f"rules: {expected}; got {name!r} too")
+    free_ids = iter(id_ for id_ in range(1, _MOST + 1) if id_ not in owners)
     classes = []
-    for name, values in described.items():
-        number = values["id"] if "id" in values else next(free)
-        classes.append(SemanticClass(**{"name": name, **values, "id": number}))
-    return {row.name: row for row in sorted(classes, key=lambda row: row.id)}
+    for name, fields in described.items():
+        id_ = fields["id"] if "id" in fields else next(free_ids)
+        classes.append(SemanticClass(**{"name": name, **fields, "id": id_}))
+    classes.sort(key=lambda semantic_class: semantic_class.id)
+    return {semantic_class.name: semantic_class for semantic_class in classes}

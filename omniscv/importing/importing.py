@@ -44,7 +44,7 @@ _OF_LIGHT = (".exr", ".hdr", ".tif", ".tiff", ".npy", ".hdf5", ".h5")
 """Suffixes of files whose colours may be negative or NaN."""
 _TEXTS = (".txt", ".csv", ".json")
 _WORDS_OF_POSES = ("pose", "traj", "groundtruth", "camera")
-_LOOKED_AT = 3  # panoramas of a folder
+_CHECKED_PANORAMAS = 3  # of a folder
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
 Faces = list[tuple[str, Picture, Array, float]]
@@ -111,15 +111,21 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
 
 
 def _check_panoramas(sequence: PosedSequence) -> None:
-    """Raise ArgumentError for colours that are certainly no panorama; a few pictures are looked at."""
+    """Raise ArgumentError if colours that are read as panoramas are certainly none.
+
+    Panoramas are the whole pictures of frames without a lens, twice as wide as high. At most
+    ``_CHECKED_PANORAMAS`` of them are read, spread over the sequence.
+    """
     frames = []
     for frame in sequence.frames:
         is_whole = "lit" not in frame.spheres or not frame.spheres["lit"].is_cropped
         if frame.lens is None and "lit" in frame.files and is_whole:
             frames.append(frame)
-    for frame in frames[:: max(1, len(frames) // _LOOKED_AT)][:_LOOKED_AT]:
+    step = max(1, len(frames) // _CHECKED_PANORAMAS)
+    for frame in frames[::step][:_CHECKED_PANORAMAS]:
         pixels = sequence.picture(frame, "lit").pixels
-        if pixels.shape[1] == 2 * pixels.shape[0]:
+        height, width = pixels.shape[:2]
+        if width == 2 * height:
             with within(frame.files["lit"].name):
                 check_panorama(pixels)
 

@@ -319,6 +319,11 @@ def _lacking_modes(frames: Collection[Frame], forms: Mapping[str, Files]) -> Ite
 class _LayoutReader:
     """Reads the frames of a folder by a layout.
 
+    Args:
+        folder: of the frames.
+        options: of the import; its intrinsics take the place of the layout's.
+        layout: where files, poses and intrinsics are.
+
     Attributes:
         forms: by mode, the names of its files and what they hold.
         pattern: of the names of pictures, with groups that say which frame they are of.
@@ -332,9 +337,11 @@ class _LayoutReader:
     def __init__(self, folder: Path, options: Options, layout: Layout) -> None:
         if layout.poses:
             layout.poses.check()
-        is_posed = bool(layout.poses) != (layout.position is not None)
+        has_position = layout.position is not None
+        is_posed_once = bool(layout.poses) != has_position
         is_pinhole = layout.pictures == "pinhole"
-        if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
+        has_intrinsics = bool(layout.intrinsics or options.intrinsics)
+        if not is_posed_once or is_pinhole != has_intrinsics:
             expected = "expected poses or a position, and intrinsics of pinhole pictures only"
             raise ArgumentError(f"{expected}; got none, or too many")
         self._folder = folder
@@ -342,9 +349,10 @@ class _LayoutReader:
         self._layout = layout
         self._table_name = layout.object_mask.names if layout.object_mask else ""
         self._lens: Pinhole | Wide | None = lenses.FACE if layout.pictures == "faces" else None
-        self._center = np.zeros(3)  # of the lens, in the frame of poses
+        self._center = np.zeros(3)  # of the lens in the frame that poses move, metres
         self.forms: dict[str, Files] = {}
-        for mode, form in (("lit", layout.lit), ("depth", layout.depth), ("object_mask", layout.object_mask)):
+        form_of = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
+        for mode, form in form_of.items():
             if form:
                 self.forms[mode] = form
         self.pattern = f"(?:.*/)??(?:{layout.place})"

@@ -138,7 +138,7 @@ class Refinement(ABC):
 
     @abstractmethod
     def planned(self) -> Rounds:
-        """Yield these rounds."""
+        """Yield the first rounds, and then finer ones; :meth:`counted` also counts their requests."""
 
     @abstractmethod
     def doubts(self, pixels: Ints) -> list[Doubt]:

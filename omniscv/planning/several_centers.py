@@ -61,6 +61,14 @@ class SeveralCenters(Refinement):
         self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
 
     def planned(self) -> Rounds:
+        """Yield the rounds of the image: first what rays pass through, then what they hit.
+
+        1. Coarse depth at the camera's position and at few centres; rays are marched through it.
+        2. Finer depth where a ray is in doubt.
+        3. All modes in coarse views of what rays hit, and finer patches while they resolve enough.
+
+        If the source lacks depth or settable views, the rounds of ``exact`` come instead.
+        """
         groups = self._groups()
         if isinstance(groups, str):
             yield from self._exactly(groups)
@@ -69,7 +77,8 @@ class SeveralCenters(Refinement):
         if len(groups) > 1 or self.plan.options.viewpoints is not None:
             around = yield from capture_around(self.plan, groups, edges_around(self.plan, searched=True))
         self._search = search = Search(self.plan, groups)
-        self._shown_finer, self._was_wrong = np.zeros((2, len(search.pixels)), np.bool_)
+        self._shown_finer = np.zeros(len(search.pixels), np.bool_)
+        self._was_wrong = np.zeros(len(search.pixels), np.bool_)
         if not (yield from self._march(groups)):
             return
         if around is None and len(groups) == 1:  # captured at the camera's position
@@ -79,8 +88,8 @@ class SeveralCenters(Refinement):
         search.adopt_lost()
         rate = yield from self._refine_depth()
         self.reserved = 0, 0
-        every = np.arange(len(search.pixels))
-        yield Round(tuple(self._coarse_views(every, self.plan.modes)))
+        all_rows = np.arange(len(search.pixels))
+        yield Round(tuple(self._coarse_views(all_rows, self.plan.modes)))
         if not self.truth:
             yield Round((), self.reached if len(self.doubtful()) <= self.doubt_pixels else STUCK)
             return

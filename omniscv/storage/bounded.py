@@ -10,7 +10,7 @@ import sys
 import unicodedata
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import IO, Any, NoReturn
 
 from mock_server import yaml_text
 from omniscv.arguments import shown
@@ -20,6 +20,7 @@ MOST_YAML_BYTES = yaml_text.MOST_BYTES
 MOST_JSON_BYTES = 1 << 26
 """Of records of one frame; a list of many frames may have more."""
 MOST_PICTURE_BYTES = 1 << 30
+_TAIL_BYTES = 10_000  # in which the last line of a program's output is sought
 
 encoding_of = yaml_text.encoding_of
 
@@ -83,6 +84,24 @@ def read_bytes(path: Path, most: int) -> bytes:
             return file.read()
     except OSError as cause:
         raise ArgumentError(f"expected a readable file, got {cause.strerror}") from cause
+
+
+def last_line(output: IO[bytes]) -> str:
+    """Return the beginning of a program's last line of output that is not blank, for an error message.
+
+    Args:
+        output: the file of the output, open to read; only its last ``_TAIL_BYTES`` are read.
+
+    Returns:
+        The line as :func:`shown` cuts and escapes it, without quotation marks; ``nothing`` without a line.
+    """
+    size = output.seek(0, os.SEEK_END)
+    output.seek(max(0, size - _TAIL_BYTES))
+    tail = output.read().decode(errors="replace")
+    for line in reversed(tail.split("\n")):
+        if line.strip():
+            return shown(line.strip())[1:-1]
+    return "nothing"
 
 
 def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:

@@ -12,9 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
-from typing import IO, Literal
+from typing import Literal
 
-from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, StorageError
 from omniscv.storage.base import MOST_BYTES, Folder, checked_name
 from omniscv.storage.bounded import open_regular
@@ -25,7 +24,6 @@ with suppress(ImportError):  # Windows
 _TOKEN_BYTES = 8  # random, in names of temporary files and folders
 _TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_LAST_BYTES = 10_000  # that are searched for a last line
 _NO_LOCKS = (
     errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.ENOTTY, errno.EOPNOTSUPP,
     errno.EPERM,
@@ -382,12 +380,3 @@ def _create(part: Path, path: Path) -> bool:
     content = part.read_bytes()
     part.replace(path)
     return path.read_bytes() == content
-
-
-def last_line(output: IO[bytes]) -> str:
-    """Return the beginning of the last line of a file of text, such as a program's output."""
-    output.seek(max(0, output.seek(0, os.SEEK_END) - _LAST_BYTES))
-    for line in reversed(output.read().decode(errors="replace").split("\n")):
-        if line.strip():
-            return shown(line.strip())[1:-1]
-    return "nothing"

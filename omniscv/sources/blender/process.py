@@ -30,8 +30,7 @@ from omniscv.errors import (
 from omniscv.modalities import Transfer
 from omniscv.records import mapping
 from omniscv.sources.blender import Settings
-from omniscv.storage.bounded import parse_json
-from omniscv.storage.local import last_line
+from omniscv.storage.bounded import last_line, parse_json
 
 T = TypeVar("T")
 

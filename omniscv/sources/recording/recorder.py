@@ -204,15 +204,17 @@ class Recording(SourceWrapper):
             self._captured_anew.add(capture.request)
 
     def _check_dialect(self, capture: Capture) -> None:
-        """Refuse a capture of another dialect than those of the file, as its pictures mean something else.
+        """Raise OtherSceneError if a capture's dialect differs from that of the file's captures.
 
-        Those that are traced in this process mean what any server's should.
+        A dialect is the commands and replies of one kind of server (docs/glossary.md), and depth, masks or
+        colours of two dialects may mean different things. ``scene`` fits all dialects: its captures are
+        traced in this process. The first capture sets the dialect of a file that has none.
         """
         dialect = capture.provenance.get("dialect")
         if self._dialect is None:
             self._dialect = self._store.dialect() or dialect
-        servers = {dialect, self._dialect} - {None, "scene"}
-        if len(servers) > 1:
+        server_dialects = {dialect, self._dialect} - {None, "scene"}
+        if len(server_dialects) > 1:
             expected = f"expected captures of dialect {self._dialect}, as those in it"
             raise OtherSceneError(f"{expected}, got {dialect}; record into another file", self._store.path)
 

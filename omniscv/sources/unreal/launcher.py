@@ -18,7 +18,8 @@ from typing import IO
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
 from omniscv.sources.base import Source
-from omniscv.storage.local import last_line, locked, whole_file
+from omniscv.storage.bounded import last_line
+from omniscv.storage.local import locked, whole_file
 
 Connect = Callable[..., Source]
 """Opens an endpoint, and of a running game a camera of its level."""
