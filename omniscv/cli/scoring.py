@@ -30,7 +30,7 @@ def score(
         str, Argument(metavar="TRUTH", help="A dataset, a folder that render wrote; with --camera files.")
     ],
     out: Annotated[Path | None, Option(help="Folder for report.json, report.csv and report.html.")] = None,
-    what: Annotated[str, Option(help="What is scored: depth, labels or normals.")] = "depth",
+    what: Annotated[str, Option(help="What is scored: depth, labels, normals or panoptic.")] = "depth",
     form: Annotated[str, Option(help="What predictions hold: range, planar or disparity.")] = "range",
     align: Annotated[str, Option(help="none, median, scale, scale-shift or disparity-scale-shift.")] = "none",
     per: Annotated[str, Option(help="One alignment for each image, or for the set.")] = "image",

@@ -8,7 +8,7 @@ A truth in doubt may be the label of a neighbour. Such pixels are left out of th
 IoU lets them have any label that the truth has within one pixel.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -148,6 +148,10 @@ def _near(mask: Mask) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)), np.bool_)
 
 
+Sums = dict[int, list[float]]
+"""By class: the IoUs of matches, how many matches there are, and instances without one: predicted, true."""
+
+
 @dataclass(frozen=True)
 class PanopticScores:
     """Panoptic quality.
@@ -163,6 +167,83 @@ class PanopticScores:
     sq: float
     rq: float
     by_class: dict[int, float]
+
+
+@dataclass(frozen=True)
+class PanopticImage:
+    """The panoptic quality of one picture, with the sums of which that of a set is made.
+
+    Attributes:
+        by_pixel, by_solid_angle: the measures.
+        compared: pixels with a true instance beyond doubt.
+        in_doubt: pixels whose true instance is in doubt: taken as unknown.
+        sums: by pixel and by solid angle.
+    """
+
+    by_pixel: PanopticScores
+    by_solid_angle: PanopticScores
+    compared: int
+    in_doubt: int
+    sums: tuple[Sums, Sums]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, without the sums."""
+        values = asdict(self)
+        del values["sums"]
+        return values
+
+
+def panoptic_image(
+    predicted: ArrayLike,
+    truth: ArrayLike,
+    camera: Camera,
+    doubt: ArrayLike,
+    class_of: Callable[[int], int],
+    predicted_class_of: Callable[[int], int],
+) -> PanopticImage:
+    """Return the panoptic quality of a picture by a camera.
+
+    Args:
+        predicted: (H, W) instance ids; 0: none.
+        truth: (H, W) instance ids; 0: unknown.
+        camera: of both pictures, with one optical centre.
+        doubt: (H, W) bool, pixels whose instance may be a neighbour's.
+        class_of: returns the class of a true instance.
+        predicted_class_of: returns that of a predicted one.
+
+    Raises:
+        ArgumentError: pictures of other sizes than the camera's, or no instance to compare.
+    """
+    shape = (camera.height, camera.width)
+    doubtful = np.asarray(doubt, np.bool_)
+    seen = seen_pixels(camera)
+    of_truth = _picture("truth", truth, shape)
+    p = np.where(seen, _picture("predicted", predicted, shape), 0)
+    t = np.where(seen & ~doubtful, of_truth, UNKNOWN)
+    if not t.any():
+        raise ArgumentError("truth: expected a pixel with an instance beyond doubt, got none")
+    classes = {int(instance): class_of(int(instance)) for instance in np.unique(t)}
+    predicted_classes = {int(instance): predicted_class_of(int(instance)) for instance in np.unique(p)}
+    by_pixel = _sums(p, t, predicted_classes, classes, np.ones(shape))
+    by_solid_angle = _sums(p, t, predicted_classes, classes, solid_angles(camera))
+    return PanopticImage(
+        by_pixel=_panoptic(by_pixel),
+        by_solid_angle=_panoptic(by_solid_angle),
+        compared=int(np.count_nonzero(t)),
+        in_doubt=int(np.count_nonzero(seen & doubtful & (of_truth != UNKNOWN))),
+        sums=(by_pixel, by_solid_angle),
+    )
+
+
+def panoptic_set(images: Sequence[PanopticImage]) -> tuple[PanopticScores, PanopticScores]:
+    """Return the quality of all pictures together, by pixel and by solid angle: of their summed matches."""
+    totals: tuple[Sums, Sums] = ({}, {})
+    for image in images:
+        for total, sums in zip(totals, image.sums, strict=True):
+            for of_class, row in sums.items():
+                before = total.get(of_class, [0.0, 0.0, 0.0, 0.0])
+                total[of_class] = [a + b for a, b in zip(before, row, strict=True)]
+    return _panoptic(totals[0]), _panoptic(totals[1])
 
 
 def panoptic(
@@ -192,27 +273,39 @@ def panoptic(
     if p.shape != t.shape:
         raise ArgumentError(f"predicted: expected a picture of shape {t.shape}, got {p.shape}")
     pixel_weights = np.ones(p.shape) if weights is None else weights
-    shared = _shared(p, t, pixel_weights)
+    return _panoptic(_sums(p, t, predicted_classes, classes, pixel_weights))
+
+
+def _sums(
+    p: Ints, t: Ints, predicted_classes: Mapping[int, int], classes: Mapping[int, int], weights: Array
+) -> Sums:
+    """Return what the quality of pictures of instances is made of; arguments as of :func:`panoptic`."""
+    for instance in np.unique(t).tolist():
+        if instance != UNKNOWN:
+            _class_of(instance, classes, "truth")
+    for instance in np.unique(p).tolist():
+        if instance != 0:
+            _class_of(instance, predicted_classes, "predicted")
+    shared = _shared(p, t, weights)
     of_p = _sizes(shared, 0)
     of_t = _sizes(shared, 1)
-    sums: dict[int, list[float]] = {}  # IoU of matches, matches, predicted alone, true alone
-    for instance in {*of_t} - {UNKNOWN}:
-        sums.setdefault(_class_of(instance, classes, "truth"), [0.0, 0.0, 0.0, 0.0])[3] += 1
-    for instance in {*of_p} - {0}:
-        if shared.get((instance, UNKNOWN), 0.0) <= of_p[instance] / 2:
-            of_class = _class_of(instance, predicted_classes, "predicted")
-            sums.setdefault(of_class, [0.0, 0.0, 0.0, 0.0])[2] += 1
+    sums: Sums = {}
+    matched: set[tuple[int, int]] = set()
     for (i, j), area in shared.items():
         if i == 0 or j == UNKNOWN or predicted_classes[i] != classes[j]:
             continue
         iou = area / (of_p[i] - shared.get((i, UNKNOWN), 0.0) + of_t[j] - area)
         if iou > 0.5:
-            row = sums[classes[j]]
+            row = sums.setdefault(classes[j], [0.0, 0.0, 0.0, 0.0])
             row[0] += iou
             row[1] += 1
-            row[2] -= 1
-            row[3] -= 1
-    return _panoptic(sums)
+            matched.add((i, j))
+    for instance in {*of_t} - {UNKNOWN} - {j for _, j in matched}:
+        sums.setdefault(classes[instance], [0.0, 0.0, 0.0, 0.0])[3] += 1
+    for instance in {*of_p} - {0} - {i for i, _ in matched}:
+        if shared.get((instance, UNKNOWN), 0.0) <= of_p[instance] / 2:
+            sums.setdefault(predicted_classes[instance], [0.0, 0.0, 0.0, 0.0])[2] += 1
+    return sums
 
 
 def _shared(p: Ints, t: Ints, weights: Array) -> dict[tuple[int, int], float]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,14 +25,17 @@ from omniscv.pictures import foreign
 from omniscv.score.projection import resized
 from omniscv.storage.bounded import MOST_JSON_BYTES, MOST_PICTURE_BYTES, open_regular, parse_json, read_bytes
 
+INSTANCES = 1000
+"""Ids of a picture of instances are 1000 times the class and a number below that, as Cityscapes has them."""
 SUFFIXES = (".npy", ".npz", ".exr", ".tif", ".tiff", ".png", ".pfm")
 """Of predictions, the first one that is there counts."""
-WHAT = ("depth", "labels", "normals")
+WHAT = ("depth", "labels", "normals", "panoptic")
 """What is scored."""
 _MARKS = ("label_edge", "unsure")
 _LAYERS = {
     "depth": (*_MARKS, "depth", "depth_error"),
     "labels": (*_MARKS, "labels"),
+    "panoptic": (*_MARKS, "labels"),
     "normals": (*_MARKS, "normals", "depth", "depth_error"),
 }
 """Layers that are read for what is scored."""
@@ -47,11 +50,12 @@ class Truth:
     Attributes:
         name: of the image, which its prediction has, too.
         camera: of the image.
-        values: (H, W) metres along rays, (H, W) labels, or (H, W, 3) normals.
+        values: (H, W) metres along rays, (H, W) labels or instances, or (H, W, 3) normals.
         doubt: (H, W) bool, pixels in doubt.
         error: (H, W) metres that depth may be off, infinite where nothing bounds it; None: not known.
         scene: what the image shows, for differences by scene; its name where that is not known.
         picture: returns its colours, (H, W, 3); None where it has none.
+        class_of: returns the class of an instance.
     """
 
     name: str
@@ -61,6 +65,7 @@ class Truth:
     error: Array | None = None
     scene: str = ""
     picture: Callable[[], NDArray[Any] | None] = lambda: None
+    class_of: Callable[[int], int] = lambda instance: instance // INSTANCES
 
 
 def truths(
@@ -138,7 +143,13 @@ def _of_frame(frame: Frame, what: str) -> Truth:
     if what == "labels" and frame.classes is not None and "labels" in layers:
         layers["labels"] = frame.classes.ids(frame.instances)[layers["labels"]]
     picture = partial(_layer_of_frame, frame)
-    return _truth(frame.key, frame.camera, layers, what, frame.scene or frame.key, picture)
+    truth = _truth(frame.key, frame.camera, layers, what, frame.scene or frame.key, picture)
+    if what != "panoptic":
+        return truth
+    if frame.classes is None:
+        raise ArgumentError(f"{frame.key}: expected a dataset with classes, which instances are of, got none")
+    class_ids = frame.classes.ids(frame.instances)
+    return replace(truth, class_of=lambda instance: int(class_ids[instance]))
 
 
 def _layer_of_frame(frame: Frame) -> NDArray[Any] | None:
@@ -172,14 +183,15 @@ def _truth(
     picture: Callable[[], NDArray[Any] | None],
 ) -> Truth:
     """Return the truth of an image by its layers."""
-    if what not in layers:
-        raise ArgumentError(f"{name}: expected an image with {what}, got {', '.join(layers) or 'none'}")
+    layer = "labels" if what == "panoptic" else what
+    if layer not in layers:
+        raise ArgumentError(f"{name}: expected an image with {layer}, got {', '.join(layers) or 'none'}")
     doubt = doubt_of(layers, (camera.height, camera.width))
     error = None
     if "depth_error" in layers:
         error = np.where(layers.get("unsure", np.False_), np.inf, layers["depth_error"]).astype(np.float64)
-    values = layers[what]
-    if what != "labels":
+    values = layers[layer]
+    if layer != "labels":
         values = values.astype(np.float64)
     return Truth(name, camera, values, doubt, error, scene, picture)
 
@@ -244,13 +256,13 @@ def read(path: Path, what: str = "depth") -> NDArray[Any]:
     elif suffix == ".npy" and what == "normals":
         values = _of_npy(path)
     else:
-        kinds = {"depth": "depth", "labels": "object_mask", "normals": "lit"}
+        kinds = {"depth": "depth", "labels": "object_mask", "panoptic": "object_mask", "normals": "lit"}
         values = foreign.read(path, kinds[what]).pixels
     values = values[..., 0] if values.ndim == 3 and values.shape[2] == 1 else values
     expected = "three values a pixel" if what == "normals" else "one value a pixel"
     if values.ndim != (3 if what == "normals" else 2):
         raise ArgumentError(f"expected {expected}, got an array of shape {shown(values.shape)}")
-    return values if what == "labels" else np.asarray(values, np.float64)
+    return values if what in ("labels", "panoptic") else np.asarray(values, np.float64)
 
 
 def _of_npy(path: Path) -> NDArray[Any]:

@@ -18,13 +18,13 @@ from omniscv.score.areas import solid_angles
 from omniscv.score.depth_scores import Compared, DepthScores, as_range, compare, select
 from omniscv.score.edges import boundary_f1
 from omniscv.score.groups import Groups
-from omniscv.score.labels import LabelScores, labels
+from omniscv.score.labels import LabelScores, PanopticImage, labels, panoptic_image, panoptic_set
 from omniscv.score.mistakes import Mistake, find_mistakes
 from omniscv.score.normals import NormalScores, find_frame, normals
 from omniscv.score.points import cloud, points
 from omniscv.score.projection import seen_by
 from omniscv.score.protocols import PROTOCOLS, protocol
-from omniscv.score.reading import WHAT, Lens, Truth, file_of, prediction, read, truths
+from omniscv.score.reading import INSTANCES, WHAT, Lens, Truth, file_of, prediction, read, truths
 
 WEIGHTS = ("by_pixel", "by_solid_angle")
 """Kinds of weights."""
@@ -111,7 +111,7 @@ class Scored:
     """
 
     name: str
-    scores: DepthScores | LabelScores | NormalScores
+    scores: DepthScores | LabelScores | NormalScores | PanopticImage
     mistakes: list[Mistake] = field(default_factory=list)
     resampled: str = ""
     scene: str = ""
@@ -140,10 +140,11 @@ class Scored:
 
     @property
     def worst(self) -> float:
-        """What images are sorted by: AbsRel, the mean angle, or one less mIoU, by solid angle."""
+        """What images are sorted by: AbsRel, the mean angle, or one less mIoU or PQ, by solid angle."""
         figures = self.figures("by_solid_angle")
-        if "miou" in figures:
-            return 1 - figures["miou"]
+        for name in ("miou", "pq"):
+            if name in figures:
+                return 1 - figures[name]
         return figures.get("abs_rel", figures.get("mean_deg", 0.0))
 
 
@@ -270,6 +271,8 @@ def _scored(
         raise ArgumentError(f"{expected}: choose a dataset's cameras with --cameras")
     if options.what == "labels":
         return _scored_labels(predictions, truth)
+    if options.what == "panoptic":
+        return _scored_instances(predictions, truth)
     if options.what == "normals":
         return _scored_normals(predictions, truth)
     pair = _pair(predictions, truth, options)
@@ -325,6 +328,24 @@ def _scored_labels(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
     )
 
 
+def _scored_instances(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
+    """Return the scores of an image's instances, and which classes are wrong."""
+    values, resampled = prediction(predictions, truth, "panoptic")
+    scores = panoptic_image(
+        values,
+        truth.values,
+        truth.camera,
+        truth.doubt,
+        truth.class_of,
+        lambda instance: instance // INSTANCES,
+    )
+    classes = np.vectorize(truth.class_of, otypes=[np.int64])(truth.values)
+    error = np.where(truth.doubt | (truth.values == 0), np.nan, values // INSTANCES != classes)
+    return Scored(truth.name, scores, [], resampled, truth.scene), Map(
+        truth.name, error.astype(np.float32), truth.picture
+    )
+
+
 def _scored_normals(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
     """Return the scores of an image's normals, and their angles."""
     values, resampled = prediction(predictions, truth, "normals")
@@ -341,8 +362,14 @@ def _scored_normals(predictions: Path, truth: Truth) -> tuple[Scored, Map]:
 
 
 def mean(scored: Sequence[Scored]) -> dict[str, dict[str, float]]:
-    """Return the means over images of all measures, by the kind of weights."""
+    """Return the means over images of all measures, by the kind of weights; PQ is that of the set."""
     means: dict[str, dict[str, float]] = {}
+    instances = [item.scores for item in scored if isinstance(item.scores, PanopticImage)]
+    if instances:
+        of_set = panoptic_set(instances)
+        for weights, scores in zip(WEIGHTS, of_set, strict=True):
+            means[weights] = {"pq": scores.pq, "sq": scores.sq, "rq": scores.rq}
+        return means
     for weights in WEIGHTS:
         means[weights] = {}
         for measure in scored[0].figures(weights):
