@@ -370,7 +370,13 @@ _ARIA_SIZES = {
 
 
 def aria(content: Content) -> dict[str, Any]:
-    """Return the cameras by their labels; their quaternions as four numbers."""
+    """Return the cameras of a factory calibration of Project Aria's glasses, as the file has them, by label.
+
+    Each gets the size that the file says beside the cameras, or else that of its label's sensor, px; and the
+    quaternion of ``T_Device_Camera``, the camera in the glasses' frame, as four numbers, w first.
+
+    ArgumentError: no list of cameras, a label twice, or sizes that are not one of each camera.
+    """
     cameras: dict[str, Any] = {}
     for node in mappings(content, "CameraCalibrations"):
         entries = node.take("CameraCalibrations")

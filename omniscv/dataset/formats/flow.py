@@ -137,6 +137,11 @@ def _object_poses(frame: Frame) -> dict[str, Pose]:
 
 
 def _write_one(folder: Path, stem: str, flow: Flow, options: FlowOptions) -> Iterator[Path]:
+    """Write the files of a frame's flow, px, into a folder, and yield their paths.
+
+    ``STEM.flo`` is Middlebury's; ``STEM.exr`` has the mask of what is known as a third channel; scene flow,
+    metres in the world frame, and KITTI's PNG are written if the options ask for them.
+    """
     pixels = flow.pixels.astype(np.float32)
     yield write_bytes(folder / f"{stem}.flo", flo_bytes(pixels))
     mask = flow.mask[..., None].astype(np.float32)
