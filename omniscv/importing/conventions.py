@@ -370,7 +370,7 @@ class _Search:
             score = verdict.said if verdict.why else verdict.best
             _, per_m = verdict.units(score.convention)
             is_turned_asked = verdict.contradicts or not verdict.colors
-            misfit = misplaced(self.pictures, self.words.per_m / per_m, is_turned_asked)
+            misfit = misplaced(self.pictures, self.words.per_m / per_m, is_turned_asked, verdict.best.mean)
         if misfit is None and not verdict.contradicts:
             misfit = unexplained(*as_said)
         return misfit

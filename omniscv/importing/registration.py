@@ -38,6 +38,7 @@ _OF_HALF = 0.4  # of the gain, which each half of the frames shows by itself
 _SIGMAS = 2.3
 _INSIDE = 0.4  # share of points that lie in colours, at least
 _RATIO_MATTERS = 0.02
+_OTHER_LENS = 0.15  # logarithm of a ratio with which depth of frames disagrees
 _OFFSET_MATTERS_PX = 1.5
 _OFFSET_MATTERS_M = 0.012
 _TURNS = {
@@ -196,13 +197,16 @@ def _changes(grey: NDArray[np.float32], sigma: float) -> Edges:
     return np.asarray((blurred - blurred.mean()) / (blurred.std() + 1e-3), np.float32)
 
 
-def misplaced(pictures: PosedPictures, metres: float, is_turned_asked: bool) -> Misfit | None:
+def misplaced(
+    pictures: PosedPictures, metres: float, is_turned_asked: bool, agreement: float
+) -> Misfit | None:
     """Return how depth lies beside its colours, if edges of both say so beyond doubt.
 
     Args:
         pictures: with pairs.
         metres: of one of depth.
         is_turned_asked: whether depth may be turned; not where colours are known to be.
+        agreement: of the depth of frames with each other, by the lens of colours.
     """
     if pictures.grey is None or pictures.panorama:
         return None
@@ -218,6 +222,8 @@ def misplaced(pictures: PosedPictures, metres: float, is_turned_asked: bool) -> 
     is_far = max(abs(place.right_m), abs(place.down_m)) > _MOST_OFFSET_M
     if is_far or not _RATIOS[1] < place.ratio < _RATIOS[-2]:
         return None  # edges of other things
+    if abs(np.log(place.ratio)) > _OTHER_LENS and agreement >= _SATISFIED:
+        return None  # points by a lens so wrong would not agree from frame to frame
     if min(better[::2].mean(), better[1::2].mean()) < _OF_HALF * gain:
         return None
     if better.mean() < _SIGMAS * better.std() / np.sqrt(len(better)):

@@ -74,9 +74,13 @@ def test_ball(radius, distance, part, azimuth):
 @cases(30)
 @given(half_angle, metres, part, st.floats(0, np.pi / 2))
 def test_cone(half_angle_deg, distance, part, azimuth):
-    """A few roundings of 1e-16, no more at 45 degrees or at the edge than anywhere else."""
+    """A few roundings of 1e-16, no more at 45 degrees or at the edge than anywhere else.
+
+    A cone that is all but flat loses digits of its angle.
+    """
     camera = cone(half_angle_deg=half_angle_deg, distance=distance, focal=FOCAL, center=(0, 0))
-    check(camera, np.tan(np.radians(half_angle_deg)), part, azimuth, lambda left: 1e-15)
+    edge = np.tan(np.radians(half_angle_deg))
+    check(camera, edge, part, azimuth, lambda left: 1e-15 * (1 + 1e-9 * edge))
 
 
 def test_the_cone_has_no_ray_at_its_tip_and_ends_at_its_rim():

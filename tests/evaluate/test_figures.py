@@ -30,7 +30,7 @@ def test_a_report_is_read_back_from_its_files(tmp_path):
 
 def test_unknown_evaluations_and_options_of_others_are_refused(tmp_path):
     for name in ("line", "", "../lines"):
-        with pytest.raises(ArgumentError, match="evaluation: expected one of layout, calibration, lines, od"):
+        with pytest.raises(ArgumentError, match=r"evaluation: expected one of l.*, .*odometry; got"):
             run(name, Settings(tmp_path))
     with pytest.raises(ArgumentError, match=r"lines: unknown option .predictions.; known options: none"):
         run("lines", Settings(tmp_path, options={"predictions": tmp_path}))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omniscv.arguments import number
+from omniscv.arguments import optional_number
 from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.exporting import Format, register
@@ -30,7 +30,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import NS
-from omniscv.records import checked, optional, record
+from omniscv.records import checked, record
 from omniscv.storage.local import write_bytes
 
 VERSION = "v3.0"
@@ -65,7 +65,7 @@ class LerobotOptions:
     """Options of the format."""
 
     fps: float | None = checked(
-        optional(number),
+        optional_number,
         above=0,
         default=None,
         help="frames a second; those of the frames' times if not given",
