@@ -193,6 +193,13 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys, shape, options, expec
     assert expected in capsys.readouterr().err
 
 
+def test_a_folder_that_is_not_there_is_refused(tmp_path, capsys):
+    camera = ["--camera", "fisheye-equidistant", "--size", "64x64"]
+    assert run(["reproject", str(tmp_path / "none"), str(tmp_path / "out"), *camera]) == 2
+    assert "IN: expected a picture or a folder of pictures, got none at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def cropped(picture, left, top, width, height, **fields):
     """The bytes of a JPEG that shows a part of a panorama, as a phone writes them."""
     whole_height, whole_width = picture.shape[:2]

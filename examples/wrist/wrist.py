@@ -2,17 +2,19 @@
 
 Each step has the joints as its state, and the joints of the next step as its action::
 
-    python wrist.py out --episodes 10 --steps 100
-    omniscv dataset export out --to lerobot
+    python examples/wrist/wrist.py arm --episodes 10 --steps 100
+    omniscv dataset export arm --to lerobot
 """
 
 import argparse
+import sys
 
 import mujoco
 import numpy as np
 
 import omniscv
 from omniscv import dataset
+from omniscv.errors import OmniscvError
 from omniscv.sources.mujoco import from_model
 
 FPS = 30
@@ -106,4 +108,7 @@ if __name__ == "__main__":
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--pixels", type=int, default=256)
     given = parser.parse_args()
-    main(given.out, given.episodes, given.steps, given.pixels)
+    try:
+        main(given.out, given.episodes, given.steps, given.pixels)
+    except OmniscvError as fault:
+        sys.exit(f"omniscv: {fault}")

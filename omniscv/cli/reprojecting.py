@@ -58,6 +58,8 @@ def reproject(
 
     views = _views(yaw, pitch, roll)
     to = options.central_camera("--camera", camera, options.size(size), set_ or [])
+    if not source.exists():
+        raise ArgumentError(f"IN: expected a picture or a folder of pictures, got none at {source}")
     files = [source]
     if source.is_dir():
         files = [path for path in sorted(source.iterdir()) if path.suffix.lower() in foreign.SUFFIXES]

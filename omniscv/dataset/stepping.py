@@ -1,7 +1,8 @@
 """Episodes: datasets of programs that step a world by themselves, as robots and policies do.
 
 Each step is rendered when it is added. Its state and action are in the truth ``episode`` of its frames, which
-the export ``lerobot`` makes columns of.
+the export ``lerobot`` makes columns of. The times of a dataset go on from one episode to the next, since a
+camera is in one place at a time; the export counts from the first step of each.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,7 +19,7 @@ from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.compose.renderer import Renderer, options_of
 from omniscv.dataset.manifest import Manifest, any_text
 from omniscv.dataset.writer import Writer
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, ExistingDatasetError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import nanoseconds
@@ -57,7 +58,11 @@ def episodes(
     """
     cameras = _mounted(rig)
     begun = Manifest(cameras={name: mounted.camera for name, mounted in cameras.items()})
-    with Writer(out, begun=begun) as writer:
+    try:
+        writer = Writer(out, begun=begun)
+    except ExistingDatasetError as error:
+        raise error.advised("remove it, or begin the episodes elsewhere") from None
+    with writer:
         made = Episodes(
             writer=writer,
             cameras=cameras,
@@ -104,6 +109,7 @@ class Episodes:
         """
         self.ended = 0
         self.steps = 0
+        self._steps_before = 0  # of the episodes that are complete
         self._writer = writer
         self._cameras = dict(cameras)
         self._is_rig = is_rig
@@ -149,7 +155,7 @@ class Episodes:
                 camera_name=name,
                 camera=image.camera,
                 pose=image.pose,
-                time_ns=nanoseconds(self.steps / self._fps),
+                time_ns=nanoseconds((self._steps_before + self.steps) / self._fps),
                 place=f"episode-{self.ended:04d}",
                 scene=str(image.provenance.get("scene", "")),
             )
@@ -161,6 +167,7 @@ class Episodes:
         if not self.steps:
             raise ArgumentError("episodes: expected steps before end(), got none")
         self.ended += 1
+        self._steps_before += self.steps
         self.steps = 0
 
     def _poses(self, pose: Pose | Mapping[str, Pose]) -> dict[str, Pose]:

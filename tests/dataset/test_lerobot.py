@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import omniscv
 from omniscv import cameras, dataset
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, ExistingDatasetError
 from omniscv.geometry import Pose
 
 WRIST = cameras.create("fisheye-equidistant", 64, 64, fov_deg=190)
@@ -62,6 +62,15 @@ def rows(folder, episode):
 def frames_of(folder, name):
     frames = [frame for frame in dataset.open(folder) if frame.camera_name == name]
     return sorted(frames, key=lambda frame: frame.key)
+
+
+def test_episodes_are_a_sound_dataset_whose_times_increase(folder, tmp_path):
+    """Programs of trajectories take it, too: a camera has one pose at a time."""
+    assert dataset.check(folder, deep=True) == []
+    for name in ("wrist", "table"):
+        times = [frame.time for frame in frames_of(folder, name)]
+        np.testing.assert_allclose(times, np.arange(sum(STEPS)) / FPS, atol=1e-9)
+    assert dataset.export(folder, "poses", tmp_path / "poses")
 
 
 def test_rows_have_the_numbers_of_their_frames(folder):
@@ -209,6 +218,16 @@ def test_vectors_of_one_number_are_numbers(tmp_path):
         episodes.end()
     dataset.export(tmp_path / "one", "lerobot")
     assert rows(tmp_path / "one", 0)["action"].to_pylist() == [0, 0.5]
+
+
+def test_episodes_begin_in_a_folder_of_their_own(folder):
+    with (
+        pytest.raises(
+            ExistingDatasetError, match="got a dataset; remove it, or begin the episodes elsewhere"
+        ),
+        dataset.episodes(folder, TABLE),
+    ):
+        pass
 
 
 def test_an_episode_that_is_not_ended_is_refused(tmp_path):
