@@ -20,6 +20,12 @@ MODES = ("lit", "object_mask", "depth")
 RING = create("noncentral-panorama", width=96, height=48, radius=0.8)
 MIRROR = create("noncentral-spherical-mirror", 64, 64, mirror_radius=0.3, distance=0.3, fov_deg=280)
 POSE = Pose.from_angles((0.2, 0.3, 1.4), 25, 4, -3)
+CASES = [
+    ("exact", 48),
+    pytest.param("exact", 65, marks=pytest.mark.soak),
+    pytest.param("auto", 128, marks=pytest.mark.soak),
+]
+"""Strategies and sizes of faces, px: those of 65 px are as large as pictures around the camera."""
 KEPT = Path(__file__).parents[2] / "captures"
 
 
@@ -37,14 +43,14 @@ def test_a_search_from_few_centres_leaves_little_in_doubt_and_marks_what_is_wron
     assert Errors(image, mock_server.load_scene("four-wall")).uncovered.sum() == 0
 
 
-@pytest.mark.parametrize("count", [1, 12])
+@pytest.mark.parametrize("count", [1, pytest.param(12, marks=pytest.mark.soak)])
 def test_any_number_of_centres_is_searched_from(count):
     image = rendered("scene://four-wall?traces=0", count=count)
     assert image.doubtful <= tuned.DEFAULT_DOUBT_SHARE
     assert image.effort.stopped
 
 
-@pytest.mark.parametrize(("strategy", "face_size"), [("exact", 48), ("exact", 65), ("auto", 128)])
+@pytest.mark.parametrize(("strategy", "face_size"), CASES)
 def test_a_recording_of_a_search_gives_the_image_of_its_source(tmp_path, strategy, face_size):
     path = tmp_path / "search.sqlite"
     options = {"strategy": strategy, "viewpoints": 4, "face_size": face_size}

@@ -11,7 +11,7 @@ from support.command_line import ROOT
 from omniscv import dataset
 
 EPISODES = 2
-STEPS = 5
+STEPS = 3
 
 
 @pytest.fixture(scope="module")
